@@ -2,9 +2,9 @@
 //! source function.
 
 use super::brick::{BRICK_EDGE, Block, BrickField};
-use crate::light::{KeptLight, Lights, ShadowRays, VoxelLight};
+use crate::light::{KeptLight, Lights, SceneMedia, ShadowRays, VoxelLight};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
-use crate::math::{Rgb, sampling, unflatten};
+use crate::math::{Rgb, Spectrum, sampling, unflatten};
 use crate::run::Cancel;
 use crate::scene::{Grid, Volume};
 use crate::{Error, Result};
@@ -13,7 +13,7 @@ use lvox_formats::record::{Lvoxel, MAX_LEVEL};
 use std::cell::LazyCell;
 use std::ops::{AddAssign, Mul};
 
-const _: () = assert!(BRICK_EDGE == VoxelLight::VOXELS);
+const _: () = assert!(BRICK_EDGE == VoxelLight::<f32>::VOXELS);
 
 /// Optical depth of an edge above which a block is not lit at one point, unless the block depth
 /// allows more.
@@ -122,13 +122,13 @@ impl Mul<f32> for Arriving {
 
 /// Makes the lvoxels of one volume, brick by brick.
 #[derive(Debug)]
-pub struct LvoxelMaker<'a> {
+pub struct LvoxelMaker<'a, K> {
     /// The volume whose extinction is averaged over blocks.
     pub volume: &'a Volume,
     /// Its index in the scene.
     pub index: u16,
     /// Light at its blocks.
-    pub lights: &'a Lights<'a>,
+    pub lights: &'a Lights<'a, SceneMedia<'a, K>>,
     /// Light of suns and skies that was kept beforehand.
     pub kept: &'a KeptLight<'a>,
     /// Voxels a side of blocks: everywhere the same, or by optical depth.
@@ -139,7 +139,7 @@ pub struct LvoxelMaker<'a> {
     pub seed: u64,
 }
 
-impl LvoxelMaker<'_> {
+impl<K: Spectrum> LvoxelMaker<'_, K> {
     /// Bricks along x, y, z that cover the volume.
     #[must_use]
     pub fn bricks(&self) -> [usize; 3] {
@@ -341,7 +341,7 @@ impl LvoxelMaker<'_> {
         edge: usize,
         seed: u64,
         in_brick: Option<(&BrickField, [usize; 3])>,
-        known: Option<(&VoxelLight, [usize; 3])>,
+        known: Option<(&VoxelLight<K>, [usize; 3])>,
     ) -> Option<Arriving> {
         if known.is_some_and(|(light, voxel)| light.is_dark(voxel)) {
             return Some(Arriving::default());

@@ -20,11 +20,11 @@ mod lvoxels;
 mod memory;
 mod surfels;
 
-use crate::light::{KeptLight, Lights, Shadows, SoftShadowMedia};
-use crate::math::unflatten;
+use crate::light::{KeptLight, Lights, SceneMedia, Shadows, SoftShadowMedia};
+use crate::math::{Rgb, Spectrum, unflatten};
 pub use crate::run::Part;
 use crate::run::{Job, Walked};
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
 use crate::{Error, Result};
 use creases::Creases;
@@ -127,11 +127,25 @@ pub fn run(
         settings.blocks.check(volume)?;
     }
     job.hold(&memory::check(scene, settings, job)?);
+    match scene.volumes.iter().all(Volume::is_grey) {
+        true => bake_among::<f32>(scene, settings, cloud, overwrite, job),
+        false => bake_among::<Rgb>(scene, settings, cloud, overwrite, job),
+    }
+}
+
+/// Bakes a scene of media that are grey, or of such as have colour.
+fn bake_among<K: Spectrum>(
+    scene: &Scene,
+    settings: &Settings,
+    cloud: &Path,
+    overwrite: Overwrite,
+    job: &Job,
+) -> Result<CloudSummary> {
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, origin(scene, settings)?, overwrite)?;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
         let shadows = SoftShadowMedia::new(scene)?;
-        let lights = Lights::new(&tracer)
+        let lights = Lights::<SceneMedia<K>>::new(&tracer)
             .for_baking()
             .with_soft_shadows(shadows.as_ref());
         let creases = Creases::new(&scene.mesh, settings.crease_deg, &job.cancel)?;
@@ -298,7 +312,12 @@ fn too_bright(place: &str) -> Error {
     .hint("make lights darker, or move them away")
 }
 
-fn bake_volume(maker: &LvoxelMaker, part: Part, writer: &mut CloudWriter, job: &Job) -> Result<()> {
+fn bake_volume<K: Spectrum>(
+    maker: &LvoxelMaker<K>,
+    part: Part,
+    writer: &mut CloudWriter,
+    job: &Job,
+) -> Result<()> {
     let bricks = maker.bricks();
     let own = part.of((bricks[0] * bricks[1] * bricks[2]) as u64);
     let (start, end) = (own.start as usize, own.end as usize);

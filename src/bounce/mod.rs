@@ -49,7 +49,7 @@ mod walls;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{Medium, NoMedia};
-use crate::light::Lights;
+use crate::light::{Lights, SceneMedia};
 use crate::run::{Budget, Job, hex};
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -102,6 +102,7 @@ pub fn run(
         .hint("bounce the tree that this one was made from"));
     }
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
+    check_colors(scene, settings)?;
     check_memory(scene, source, settings, job)?;
     (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
         let meta = meta(source, settings);
@@ -365,7 +366,7 @@ impl Gathering<'_> {
             (&blocks[..], &exchange.volumes[..], &scene.volumes[..])
             && medium.phase.is_isotropic()
         {
-            let lights = Lights::new(tracer);
+            let lights = Lights::<SceneMedia>::new(tracer);
             let environment = lights.environment();
             lit.incident = incident::of_lvoxels(volume, blocks, tracer, environment, cancel)?;
             drop(exchange);
@@ -412,6 +413,19 @@ impl Lvoxels {
             direct,
             lobes,
         })
+    }
+}
+
+/// Refuses media of colour, whose light is solved for all channels alike.
+fn check_colors(scene: &Scene, settings: &Settings) -> Result<()> {
+    let colored = scene.volumes.iter().find(|v| !v.is_grey());
+    match colored {
+        Some(volume) if settings.bounces != Bounces::Count(1) => Err(Error::input(format!(
+            "the extinction of the volume `{}` differs by channel: its light is known for one bounce",
+            volume.name
+        ))
+        .hint("render with `--bounces 1`, or shade from the tree that `build` made")),
+        _ => Ok(()),
     }
 }
 

@@ -5,7 +5,7 @@ use super::surface_below::surface_below;
 use crate::gather::{MAX_PACKET, Medium};
 use crate::math::sampling::{cosine_hemisphere, hash, sobol2, tangents};
 use crate::math::segment::Composite;
-use crate::math::{Hit, Ray, Rgb};
+use crate::math::{Hit, Ray, Rgb, Spectrum};
 use crate::trace::{Tracer, offset};
 use glam::Vec3;
 use lvox_formats::record::{Surfel, SurfelPage};
@@ -273,7 +273,7 @@ impl<M: Medium> ReceiverMaker<'_, M> {
             receiver.met.extend(hit.map(|hit| Met {
                 ray: number,
                 hit,
-                arriving: passed.transmittance,
+                arriving: passed.transmittance.mean(),
             }));
         }
         receiver.from_media = light * (1.0 / receiver.count as f32);

@@ -114,9 +114,10 @@ impl Args {
         {
             check_writable(path, self.overwrite(context))?;
         }
-        let settings = self.stages();
+        let mut settings = self.stages();
         settings.bake.check()?;
         let scene = input.load(context)?;
+        self.leave_out_bounces(&mut settings, &scene, context);
         let others = options.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
         if self.planning.plan {
@@ -157,6 +158,20 @@ impl Args {
         match &self.keep_tree {
             Some(path) => self.resume.overwrite(path, FileKind::Tree, context),
             None => Overwrite::Refuse,
+        }
+    }
+
+    /// Leaves out bounces that nobody asked for where media have colour, and tells of it.
+    fn leave_out_bounces(&self, settings: &mut Stages, scene: &Scene, context: &Context) {
+        let colored = scene.volumes.iter().find(|v| !v.is_grey());
+        if let Some(volume) =
+            colored.filter(|_| self.bounces.is_none() && settings.bounce.is_some())
+        {
+            settings.bounce = None;
+            context.job.progress.warn(&format!(
+                "bounces but the first are left out: the extinction of the volume `{}` differs by channel",
+                volume.name
+            ));
         }
     }
 

@@ -7,7 +7,7 @@ use super::patch_radiance::{self, PatchRadiance, PatchRequest, UnknownPatches};
 use super::{cone, plain};
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
-use crate::math::{Environment, Ray, Rgb, SeenPhase, sampling};
+use crate::math::{Environment, Ray, Rgb, SeenPhase, Spectrum, sampling};
 use crate::tree::Pages;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -374,26 +374,26 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
         let near = passed.partition_point(|c| c.t < max_dist);
         let (near, far) = passed.split_at(near);
         let to_end = ray.up_to(end.map_or(max_dist, |c| c.t.min(max_dist)));
-        let mut light = Composite::default();
+        let mut light = Composite::<M::Share>::default();
         let stopped = self.media.pass(&to_end, near, &mut light);
         let distance = end.map_or(f32::INFINITY, |c| c.t);
         let inverse_distance =
             stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
-        let arriving = light.transmittance;
+        let arriving = light.transmittance.mean();
         match end {
             Some(c) if c.t < max_dist => light.surface(1.0, c.radiance),
             Some(_) => {}
             None => {
                 if is_hiding {
-                    let mut hidden = Composite::default();
+                    let mut hidden = Composite::<M::Share>::default();
                     let beyond = Ray::endless(ray.at(max_dist), ray.direction);
                     self.media.pass(&beyond, &[], &mut hidden);
-                    light.transmittance *= hidden.transmittance;
+                    light.transmittance = light.transmittance.times(hidden.transmittance);
                     far.iter()
                         .for_each(|c| light.surface(c.opacity, Rgb::BLACK));
                 }
                 let environment = environment.radiance(ray.direction);
-                of_environment = environment * light.transmittance;
+                of_environment = light.transmittance.filter(environment);
                 light.surface(1.0, environment);
             }
         }

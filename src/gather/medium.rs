@@ -2,8 +2,8 @@
 //! them once.
 
 use super::Crossing;
-use crate::math::{Ray, Spectrum};
 use crate::math::segment::{Composite, Segment};
+use crate::math::{Ray, Rgb, Spectrum};
 use crate::tree::{IncidentGrid, LvoxelBlock, Media};
 
 /// The share of a ray's light that media stopped, and where.
@@ -132,10 +132,41 @@ impl Medium for &Media {
     }
 }
 
+/// Media that stop one channel of light more than another.
+#[derive(Clone, Copy, Debug)]
+pub struct ColoredMedia<'a>(pub &'a Media);
+
+impl Medium for ColoredMedia<'_> {
+    type Share = Rgb;
+
+    fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment<Rgb>) -> bool) -> bool {
+        self.0.walk(ray, add)
+    }
+
+    fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment<Rgb>) -> bool) -> bool {
+        self.0.walk_with(ray, add)
+    }
+
+    fn lvoxel_dims(&self, volume: usize) -> Option<[usize; 3]> {
+        self.0.dims(volume)
+    }
+
+    fn each_lvoxel(&self, volume: usize, take: &mut impl FnMut(LvoxelBlock)) {
+        self.0.each_block(volume, take);
+    }
+
+    fn incident(&self, volume: usize) -> Option<IncidentGrid<'_>> {
+        self.0.incident(volume)
+    }
+
+    fn without_incident(self) -> Self {
+        Self(self.0.without_incident())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::Rgb;
     use glam::Vec3;
 
     /// A thin mist, and a dense cloud behind it.

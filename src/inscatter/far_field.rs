@@ -7,7 +7,7 @@ use super::gatherer::GatherInMedia;
 use super::vertices::{Vertices, inside};
 use crate::gather::UnknownPatches;
 use crate::math::segment::Composite;
-use crate::math::{Ray, Rgb, SeenPhase, sampling};
+use crate::math::{Ray, Rgb, SeenPhase, Spectrum, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -256,17 +256,17 @@ impl FarField {
                 cell.radiance += around.radiance(quarter) * 0.25;
                 cell.distance += around.distance(quarter) * 0.25;
             }
-            let mut light = Composite::default();
+            let mut light = Composite::<G::Share>::default();
             let max_dist = gatherer.settings().max_dist;
             let end = cell.distance.min(max_dist);
             passed += gatherer.pass(&Ray::new(point, direction, end), &mut light);
             if cell.distance > max_dist {
                 // The environment is behind the media that are too far away to send light.
-                let mut hidden = Composite::default();
+                let mut hidden = Composite::<G::Share>::default();
                 let from = point + direction * max_dist;
                 let beyond = Ray::new(from, direction, cell.distance - max_dist);
                 passed += gatherer.pass(&beyond, &mut hidden);
-                light.transmittance *= hidden.transmittance;
+                light.transmittance = light.transmittance.times(hidden.transmittance);
             }
             light.surface(1.0, cell.radiance);
             sum += light.radiance;

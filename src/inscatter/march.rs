@@ -5,7 +5,7 @@ use super::counts;
 use super::gatherer::GatherInMedia;
 use super::source::{InScatter, RayMemo};
 use crate::math::segment::{Composite, Segment};
-use crate::math::{Ray, Rgb};
+use crate::math::{Ray, Rgb, Spectrum};
 use crate::trace::{Cells, RayInVolume};
 use std::cell::{Cell, RefCell};
 
@@ -30,10 +30,12 @@ struct Stretch {
 }
 
 /// A camera ray on its way.
-struct CameraRay<'a, 'b, G> {
+struct CameraRay<'a, 'b, G: GatherInMedia> {
     light: &'a InScatter<'b, G>,
     ray: &'a Ray,
-    passed: Composite,
+    passed: Composite<G::Share>,
+    /// Extinction by channel over that of the cells.
+    color: [f32; 3],
     memo: RayMemo,
     /// What the last lit part of the ray sends.
     source: Rgb,
@@ -52,16 +54,16 @@ const MAX_STRETCH_DEPTH: f32 = 0.7;
 
 impl<G: GatherInMedia> InScatter<'_, G> {
     /// Passes a ray from the camera.
-    pub fn march(&self, ray: &Ray) -> Composite {
+    pub fn march(&self, ray: &Ray) -> Composite<G::Share> {
         self.march_counted(ray).0
     }
 
     /// Passes a ray from the camera, and tells what that took: cells that it passed, and segments
     /// whose source function was asked for.
-    pub fn march_counted(&self, ray: &Ray) -> (Composite, Marched) {
+    pub fn march_counted(&self, ray: &Ray) -> (Composite<G::Share>, Marched) {
         match self.view.tracer.volumes {
             [volume] => match Cells::new(volume, ray) {
-                Some(cells) => self.march_one(ray, cells),
+                Some(cells) => self.march_one(ray, cells, volume.extinction_color),
                 None => Default::default(),
             },
             _ => self.march_all(ray),
@@ -69,11 +71,17 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     }
 
     /// Passes a single volume.
-    fn march_one(&self, ray: &Ray, cells: Cells) -> (Composite, Marched) {
+    fn march_one(
+        &self,
+        ray: &Ray,
+        cells: Cells,
+        color: [f32; 3],
+    ) -> (Composite<G::Share>, Marched) {
         let mut camera_ray = CameraRay {
             light: self,
             ray,
             passed: Composite::default(),
+            color,
             memo: RayMemo::default(),
             source: Rgb::BLACK,
             lit: 0,
@@ -83,9 +91,11 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         let mut marched = 0;
         cells.each(|cell| {
             marched += 1;
-            if camera_ray.passed.transmittance < OPAQUE {
-                camera_ray.passed.medium(cell.tau, camera_ray.source);
-                return camera_ray.passed.transmittance > Composite::NOTHING;
+            let seen = camera_ray.passed.transmittance.most();
+            if seen < OPAQUE {
+                camera_ray.pass(cell.tau);
+                let seen = camera_ray.passed.transmittance.most();
+                return seen > Composite::<G::Share>::NOTHING;
             }
             if cell.tau > STRETCH_DEPTH {
                 if let Some(stretch) = open.take() {
@@ -95,7 +105,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 return true;
             }
             if let Some(stretch) = open.as_mut() {
-                let depth = STRETCH_DEPTH / camera_ray.passed.transmittance;
+                let depth = STRETCH_DEPTH / seen;
                 let fits = stretch.tau + cell.tau <= depth.min(MAX_STRETCH_DEPTH)
                     && cell.far - stretch.near <= most;
                 if fits {
@@ -129,8 +139,8 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     }
 
     /// Passes volumes that may overlap.
-    fn march_all(&self, ray: &Ray) -> (Composite, Marched) {
-        let mut passed = Composite::default();
+    fn march_all(&self, ray: &Ray) -> (Composite<G::Share>, Marched) {
+        let mut passed = Composite::<G::Share>::default();
         let memo = RefCell::new(RayMemo::default());
         // What the ray sees last, once that is all that it sees.
         let last = Cell::new(None);
@@ -144,12 +154,12 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                     self.source(volume, ends, part.tau, &mut memo.borrow_mut())
                 })
             },
-            |s: Segment| {
+            |s: Segment<G::Share>| {
                 passed.medium(s.tau, s.source);
-                if passed.transmittance < OPAQUE && last.get().is_none() {
+                if passed.transmittance.most() < OPAQUE && last.get().is_none() {
                     last.set(Some(s.source));
                 }
-                passed.transmittance > Composite::NOTHING
+                passed.transmittance.most() > Composite::<G::Share>::NOTHING
             },
         );
         counts::add(&self.counters.segments, lit.get());
@@ -190,6 +200,12 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
 
     fn add(&mut self, ends: [glam::Vec3; 2], tau: f32) {
         self.source = self.light.source(0, ends, tau, &mut self.memo);
+        self.pass(tau);
+    }
+
+    /// Passes a part of such a depth that sends what the last one did.
+    fn pass(&mut self, tau: f32) {
+        let tau = G::Share::tinted(tau, &self.color);
         self.passed.medium(tau, self.source);
         self.lit += 1;
     }

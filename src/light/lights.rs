@@ -344,10 +344,7 @@ impl<'a, S: Shadows> Lights<'a, S> {
             }
         }
         match environment.map() {
-            None => (
-                even.filter(self.environment),
-                way * self.environment.mean(),
-            ),
+            None => (even.filter(self.environment), way * self.environment.mean()),
             Some(_) => (by_direction, way),
         }
     }

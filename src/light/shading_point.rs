@@ -59,7 +59,12 @@ impl<S: Shadows, R: Receiver> ShadingPoint<'_, S, R> {
     /// Traces a ray to the point of an emitter that two numbers in [0,1) choose. `expected` is the
     /// chance of the emitter, or the receiver's whole response to it. `None` if the ray counts for
     /// nothing.
-    pub fn ray_to(&self, emitter: &Emitter, u: [f32; 2], expected: f32) -> Option<EmitterRay<S::Share>> {
+    pub fn ray_to(
+        &self,
+        emitter: &Emitter,
+        u: [f32; 2],
+        expected: f32,
+    ) -> Option<EmitterRay<S::Share>> {
         let towards = emitter.sample(self.origin, u, self.rays.near());
         let weight = self.receiver.response(towards.direction) / (towards.pdf * expected);
         (weight > 0.0 && weight.is_finite()).then(|| EmitterRay {

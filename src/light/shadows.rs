@@ -68,12 +68,7 @@ pub struct SceneMedia<'a, K = f32> {
 impl<K: Spectrum> Shadows for SceneMedia<'_, K> {
     type Share = K;
 
-    fn transmittance(
-        &self,
-        tracer: &Tracer,
-        ray: &Ray,
-        media: Option<&dyn ShadowMedia<K>>,
-    ) -> K {
+    fn transmittance(&self, tracer: &Tracer, ray: &Ray, media: Option<&dyn ShadowMedia<K>>) -> K {
         match media {
             None => tracer.transmittance(ray),
             Some(media) if media.is_dark(ray.origin) => K::default(),

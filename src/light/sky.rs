@@ -215,7 +215,9 @@ impl Excess {
                 at.receiver.note(direction, arrives, Arrival::Delta);
                 total.sky.ratio.unshadowed += light;
                 total.sky.ratio.shadowed += transmittance.filter(light);
-                total.visibility.note_ray(SET as usize, transmittance.mean());
+                total
+                    .visibility
+                    .note_ray(SET as usize, transmittance.mean());
             }
         }
         total.sky.unshadowed += match at.receiver.normals() {

@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 use std::cell::OnceCell;
 
 /// Corners along an edge of a brick.
-const CORNERS: usize = VoxelLight::VOXELS + 1;
+const CORNERS: usize = VoxelLight::<f32>::VOXELS + 1;
 
 /// The light in a brick of a volume, if all lights are parallel ones and a sky that is kept.
 #[derive(Debug)]

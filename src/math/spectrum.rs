@@ -46,6 +46,15 @@ pub trait Spectrum:
     /// The mean channel of light that gets through, where this is the share that does.
     fn mean_of(self, light: Rgb) -> f32;
 
+    /// The luminance of the same.
+    #[inline]
+    fn luminance_of(self, light: Rgb) -> f32 {
+        match Self::IS_GREY {
+            true => light.luminance() * self.mean(),
+            false => self.filter(light).luminance(),
+        }
+    }
+
     /// exp(-x) and 1 - exp(-x) of what is at least 0.
     fn exp_neg_and_rest(self) -> (Self, Self);
 

@@ -10,7 +10,7 @@ mod settings;
 
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, TreeTask};
 use crate::inscatter::{self, InScatter, MediaLights, VolumeLight};
-use crate::light::{Lights, SoftShadowMedia};
+use crate::light::{Lights, SceneMedia, SoftShadowMedia};
 use crate::run::{Budget, Job};
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -167,7 +167,8 @@ impl TreeTask for Lighting<'_> {
         } = self;
         let tracer = Tracer::new_until(scene, &job.cancel)?;
         let shadows = SoftShadowMedia::new(scene)?;
-        let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
+        let lights = Lights::<SceneMedia<M::Share>>::new(&tracer);
+        let lights = lights.with_soft_shadows(shadows.as_ref());
         let patches = PatchRadiance::of_tree(&tracer, tree, 0)?;
         let on_surfaces = gather::RaySettings {
             samples: settings.volume_samples,

@@ -7,17 +7,17 @@ use super::pixels::{
 };
 use super::settings::{Kernel, Method, Settings};
 use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
-use crate::Result;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask};
 use crate::image::{Onlooker, Region};
 use crate::inscatter::{self, InScatter, MediaCounts, MediaLights};
-use crate::light::{Lights, SoftShadowMedia, Vacuum};
+use crate::light::{Lights, SceneMedia, SoftShadowMedia, Vacuum};
 use crate::math::{Environment, Rgb};
 use crate::run::Job;
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
 use crate::tree::{OpenTree, Pages};
 use crate::view::{self, View, VisibleMedia};
+use crate::{Error, Result};
 use rayon::prelude::*;
 
 /// What is wanted of a frame.
@@ -100,6 +100,7 @@ pub fn with_frame<W: FrameWork>(
     let budget = memory::check(scene, settings, held, quantities, least, job)?;
     job.hold(&budget.with("the tree", least));
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
+    check_colors(scene, tree)?;
     let task = FrameTask { request, work };
     let done = match settings.method {
         Method::Extended => gather::with_tree(tree, task),
@@ -107,6 +108,17 @@ pub fn with_frame<W: FrameWork>(
     };
     scene.check_file()?;
     done
+}
+
+/// Refuses a tree of grey media for a scene whose media have colour: kernels are chosen by the tree.
+fn check_colors(scene: &Scene, tree: &OpenTree) -> Result<()> {
+    if scene.volumes.iter().all(Volume::is_grey) || tree.media.are_colored() {
+        return Ok(());
+    }
+    Err(Error::input(
+        "expected a tree of media whose extinction differs by channel, found one of grey media",
+    )
+    .hint("bake the scene and build its tree again"))
 }
 
 /// Work for a request, compiled for each kind of pages and media.
@@ -138,7 +150,8 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
         let volumes = media_on_pixels.as_deref().unwrap_or(&scene.volumes);
         let tracer = Tracer::with_volumes(scene, volumes, &job.cancel)?;
         let shadows = SoftShadowMedia::new(scene)?;
-        let lights = Lights::new(&tracer).with_soft_shadows(shadows.as_ref());
+        let lights = Lights::<SceneMedia<M::Share>>::new(&tracer);
+        let lights = lights.with_soft_shadows(shadows.as_ref());
         let view = View::new(&tracer, camera, scene.film, settings.seed);
         let mut patches = (settings.kernel == Kernel::Traced)
             .then(|| patch_radiance(request, &tracer, work.gather_rays(request)))
@@ -193,9 +206,9 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
             };
             let visible = VisibleMedia::ThroughRegions(regions);
             let in_scatter = InScatter::new(&view, visible, &light, job)?;
-            let before_emission: &dyn March = &in_scatter;
+            let before_emission: &dyn March<M::Share> = &in_scatter;
             let emissive = EmissiveMedia(before_emission);
-            let media: &dyn March = match scene.emissive.is_empty() {
+            let media: &dyn March<M::Share> = match scene.emissive.is_empty() {
                 true => before_emission,
                 false => &emissive,
             };

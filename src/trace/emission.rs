@@ -87,7 +87,6 @@ impl<K: Spectrum> Depths<K> {
         let mut all = Vec::new();
         let mut before = K::default();
         tracer.march(
-            
             ray,
             |_, _, _| Rgb::BLACK,
             |s: Segment<K>| {

@@ -11,7 +11,8 @@ use crate::inscatter::scattered::ScatteredLight;
 use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
 use crate::inscatter::vertices::Vertices;
-use crate::light::Lights;
+use crate::light::{Lights, SceneMedia};
+use crate::math::Spectrum;
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::tree::IncidentGrid;
@@ -59,9 +60,9 @@ const MAX_INDIRECT_DEPTH: f32 = 2.0;
 
 /// The light that media scatter.
 #[derive(Debug)]
-pub struct MediaLights<'a, G> {
+pub struct MediaLights<'a, G: GatherInMedia> {
     /// Direct light.
-    pub lights: &'a Lights<'a>,
+    pub lights: &'a Lights<'a, SceneMedia<'a, G::Share>>,
     /// Gathers of indirect light, if there are any.
     pub gatherer: Option<&'a G>,
     /// Light that was made beforehand.
@@ -110,7 +111,9 @@ impl<'a> VolumeLattices<'a> {
         let sweeper = (light.gatherer)
             .filter(|g| g.settings().max_dist.is_infinite())
             .filter(|_| volume.phase.is_isotropic() || !is_for_all_cameras)
-            .filter(|_| !lvoxels_tell_all);
+            .filter(|_| !lvoxels_tell_all)
+            // Sweeps carry one transmittance for all channels.
+            .filter(|_| G::Share::IS_GREY);
         // What was made for all cameras does not know where this one is.
         let scattered = (light.scattered).filter(|_| volume.phase.is_isotropic());
         let (scattered, sweep) = match (scattered, sweeper) {

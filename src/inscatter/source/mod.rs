@@ -26,9 +26,9 @@ use super::sweep::{SWEPT_LEVELS, Sweep};
 use super::vertices::{CellCache, are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::SampleRange;
-use crate::light::{Lights, MediumLight, ShadowRays, SunDepths};
+use crate::light::{Lights, MediumLight, SceneMedia, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
-use crate::math::{Rgb, SeenPhase, sampling};
+use crate::math::{Rgb, SeenPhase, Spectrum, sampling};
 use crate::run::Job;
 use crate::run::walked::note_asked;
 use crate::scene::Volume;
@@ -38,11 +38,11 @@ use lattices::VolumeLattices;
 use wide::f32x4;
 
 /// In-scattered light of all volumes of a scene.
-pub struct InScatter<'a, G> {
+pub struct InScatter<'a, G: GatherInMedia> {
     volumes: &'a [Volume],
-    lights: &'a Lights<'a>,
+    lights: &'a Lights<'a, SceneMedia<'a, G::Share>>,
     /// The same lights, whose shadows are those of the scene's own media.
-    sharp_lights: Lights<'a>,
+    sharp_lights: Lights<'a, SceneMedia<'a, G::Share>>,
     /// Whether direct light has no noise of shadow rays.
     rest_is_exact: bool,
     /// Whether shadows may have sharp edges.
@@ -223,9 +223,14 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let light = self.lit(&self.sharp_lights, point, rays, None, segment.seen);
             // The camera sees that point, and not the segment as a whole, through what is before
             // it.
-            let mean_through = one_minus_exp_neg(segment.depth) / segment.depth;
-            let through = exp_neg(segment.depth * median) / mean_through;
-            return light.share * unshadowed(from, to) * through + light.rest;
+            let color = &self.volumes[segment.volume].extinction_color;
+            let depth = G::Share::tinted(segment.depth, color);
+            let through = depth.each(|depth| {
+                let mean_through =
+                    one_minus_exp_neg(depth.max(f32::MIN_POSITIVE)) / depth.max(f32::MIN_POSITIVE);
+                exp_neg(depth * median) / mean_through
+            });
+            return through.filter(light.share * unshadowed(from, to)) + light.rest;
         }
         let vertex = |level: usize, v: [usize; 3]| {
             let lit = lattices
@@ -484,7 +489,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// gathers bring else.
     fn lit(
         &self,
-        lights: &Lights,
+        lights: &Lights<SceneMedia<G::Share>>,
         point: Vec3,
         rays: ShadowRays,
         suns: Option<&SunDepths>,

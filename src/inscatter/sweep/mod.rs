@@ -24,6 +24,7 @@ use super::spacing::LeastSpacing;
 use super::sparse::{SparseLattice, SparseValues};
 use super::{memory, occupied};
 use crate::Result;
+use crate::math::segment::Segment;
 use crate::math::{Aabb, Ray, Rgb};
 use crate::run::Job;
 use crate::scene::Volume;
@@ -373,7 +374,7 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
             let mut depth = 0.0;
             let ray = Ray::new(camera, way / distance, distance);
             let nothing = |_, _, _| Rgb::BLACK;
-            self.view.tracer.march(&ray, nothing, |s| {
+            self.view.tracer.march(&ray, nothing, |s: Segment| {
                 depth += s.tau;
                 depth < Self::OPAQUE_DEPTH
             });

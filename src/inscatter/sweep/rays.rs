@@ -9,7 +9,7 @@ use crate::inscatter::sparse::SparseLattice;
 use crate::math::exp::exp_neg_and_rest;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::segment::Segment;
-use crate::math::{Ray, Rgb};
+use crate::math::{Ray, Rgb, Spectrum};
 use crate::trace::offset;
 use glam::Vec3;
 
@@ -101,7 +101,8 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
         let mut light = self.light_of_other_media(origin);
         let mut next = 0;
         let mut passed = 0;
-        let mut add = |mut s: Segment| {
+        let mut add = |s: Segment<G::Share>| {
+            let mut s = in_one(&s);
             passed += 1;
             let mut next_at = stop_at(next);
             while next < stops.len() {
@@ -139,7 +140,7 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
         add(Segment {
             near: f32::INFINITY,
             far: f32::INFINITY,
-            tau: 0.0,
+            tau: G::Share::splat(0.0),
             source: Rgb::BLACK,
         });
         counts::add(&self.scope.counters.lvoxels, passed);
@@ -163,7 +164,8 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
         }
         // Against the light, so that what is near is as exact as it is far from all ends of the
         // others.
-        let mut add = |s: Segment| {
+        let mut add = |s: Segment<G::Share>| {
+            let s = in_one(&s);
             light.pass_behind(s.tau, s.source);
             true
         };
@@ -212,5 +214,16 @@ impl Arriving {
         let (through, taken) = exp_neg_and_rest(tau);
         self.radiance = self.radiance * through + source * taken;
         self.transmittance *= through;
+    }
+}
+
+/// The same segment for all channels of light.
+#[inline(always)]
+fn in_one<K: Spectrum>(s: &Segment<K>) -> Segment {
+    Segment {
+        near: s.near,
+        far: s.far,
+        tau: s.tau.most(),
+        source: s.source,
     }
 }

@@ -6,7 +6,7 @@ use super::workbench::{Workbench, add_quad, gatherer, irradiance, stage};
 use crate::Result;
 use crate::formats::{CloudMeta, Surfel};
 use crate::gather::{NoMedia, RayKernel};
-use crate::light::{Lights, ShadowRays};
+use crate::light::{Lights, SceneMedia, ShadowRays};
 use crate::math::polygon;
 use crate::scene::Light;
 use crate::trace::Tracer;
@@ -228,7 +228,7 @@ fn suns(rows: &mut Vec<Row>) {
             angular_radius_rad: radius as f32,
         });
         let tracer = Tracer::new(&scene);
-        let lights = Lights::new(&tracer);
+        let lights = Lights::<SceneMedia>::new(&tracer);
         let rays = ShadowRays::Sequence {
             per_light: 4096,
             first: 0,

@@ -4,7 +4,7 @@
 use crate::inscatter::{GatherInMedia, InScatter, Marched, MediaCounts};
 use crate::light::{SceneMedia, Shadows, Vacuum};
 use crate::math::segment::Composite;
-use crate::math::{Ray, Rgb};
+use crate::math::{Ray, Rgb, Spectrum};
 use crate::view::View;
 
 /// What camera rays and shadow rays pass.
@@ -28,12 +28,14 @@ pub trait CameraMedia: Sync {
 pub trait PassedMedia: Copy + Default + Send + Sync + 'static {
     /// Whether there can be media.
     const IS_VACUUM: bool;
+    /// What tells shares of light.
+    type Share: Spectrum;
 
     /// What took this share of the light behind it less than all, and added this radiance.
-    fn of(transmittance: f32, radiance: Rgb) -> Self;
+    fn of(transmittance: Self::Share, radiance: Rgb) -> Self;
 
     /// Share of the light behind that comes through.
-    fn transmittance(&self) -> f32;
+    fn transmittance(&self) -> Self::Share;
 
     /// Radiance scattered towards the camera.
     fn radiance(&self) -> Rgb;
@@ -42,7 +44,8 @@ pub trait PassedMedia: Copy + Default + Send + Sync + 'static {
     fn shows(&self) -> bool {
         /// Share of light that is not.
         const LITTLE: f32 = 1e-3;
-        !Self::IS_VACUUM && (self.transmittance() < 1.0 - LITTLE || !self.radiance().is_black())
+        !Self::IS_VACUUM
+            && (self.transmittance().least() < 1.0 - LITTLE || !self.radiance().is_black())
     }
 }
 
@@ -66,6 +69,7 @@ impl CameraMedia for Vacuum {
 
 impl PassedMedia for Vacuum {
     const IS_VACUUM: bool = true;
+    type Share = f32;
 
     #[inline]
     fn of(_: f32, _: Rgb) -> Self {
@@ -84,29 +88,29 @@ impl PassedMedia for Vacuum {
 }
 
 /// Media before a camera ray, marched by code for whichever pages and media there are.
-pub struct ScatteringMedia<'a>(pub &'a (dyn March + 'a));
+pub struct ScatteringMedia<'a, K>(pub &'a (dyn March<K> + 'a));
 
 /// Marches of camera rays through media.
-pub trait March: Sync {
+pub trait March<K>: Sync {
     /// Passes what is along a camera ray.
-    fn march(&self, view: &View, ray: &Ray) -> Composite;
+    fn march(&self, view: &View, ray: &Ray) -> Composite<K>;
 
     /// The same, and what it took.
-    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite, Marched);
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite<K>, Marched);
 
     /// What lighting media took so far.
     fn counts(&self) -> MediaCounts;
 }
 
-impl<'a> CameraMedia for ScatteringMedia<'a> {
-    type Passed = Composite;
-    type Shadows = SceneMedia<'a>;
+impl<'a, K: Spectrum> CameraMedia for ScatteringMedia<'a, K> {
+    type Passed = Composite<K>;
+    type Shadows = SceneMedia<'a, K>;
 
-    fn march(&self, view: &View, ray: &Ray) -> Composite {
+    fn march(&self, view: &View, ray: &Ray) -> Composite<K> {
         self.0.march(view, ray)
     }
 
-    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite, Marched) {
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite<K>, Marched) {
         self.0.march_counted(view, ray)
     }
 
@@ -115,12 +119,12 @@ impl<'a> CameraMedia for ScatteringMedia<'a> {
     }
 }
 
-impl<G: GatherInMedia> March for InScatter<'_, G> {
-    fn march(&self, _: &View, ray: &Ray) -> Composite {
+impl<G: GatherInMedia> March<G::Share> for InScatter<'_, G> {
+    fn march(&self, _: &View, ray: &Ray) -> Composite<G::Share> {
         self.march(ray)
     }
 
-    fn march_counted(&self, _: &View, ray: &Ray) -> (Composite, Marched) {
+    fn march_counted(&self, _: &View, ray: &Ray) -> (Composite<G::Share>, Marched) {
         self.march_counted(ray)
     }
 
@@ -130,24 +134,24 @@ impl<G: GatherInMedia> March for InScatter<'_, G> {
 }
 
 /// Media that light comes from, with the way of a camera ray through those that scatter it.
-pub struct EmissiveMedia<'a>(pub &'a (dyn March + 'a));
+pub struct EmissiveMedia<'a, K>(pub &'a (dyn March<K> + 'a));
 
-impl EmissiveMedia<'_> {
-    fn emitting(view: &View, ray: &Ray, passed: Composite) -> Composite {
+impl<K: Spectrum> EmissiveMedia<'_, K> {
+    fn emitting(view: &View, ray: &Ray, passed: Composite<K>) -> Composite<K> {
         Composite {
-            radiance: passed.radiance + view.tracer.emitted(ray),
+            radiance: passed.radiance + view.tracer.emitted::<K>(ray),
             ..passed
         }
     }
 }
 
-impl March for EmissiveMedia<'_> {
-    fn march(&self, view: &View, ray: &Ray) -> Composite {
+impl<K: Spectrum> March<K> for EmissiveMedia<'_, K> {
+    fn march(&self, view: &View, ray: &Ray) -> Composite<K> {
         let passed = self.0.march(view, ray);
         Self::emitting(view, ray, passed)
     }
 
-    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite, Marched) {
+    fn march_counted(&self, view: &View, ray: &Ray) -> (Composite<K>, Marched) {
         let (passed, took) = self.0.march_counted(view, ray);
         (Self::emitting(view, ray, passed), took)
     }
@@ -157,11 +161,12 @@ impl March for EmissiveMedia<'_> {
     }
 }
 
-impl PassedMedia for Composite {
+impl<K: Spectrum> PassedMedia for Composite<K> {
     const IS_VACUUM: bool = false;
+    type Share = K;
 
     #[inline]
-    fn of(transmittance: f32, radiance: Rgb) -> Self {
+    fn of(transmittance: K, radiance: Rgb) -> Self {
         Self {
             radiance,
             transmittance,
@@ -169,7 +174,7 @@ impl PassedMedia for Composite {
     }
 
     #[inline]
-    fn transmittance(&self) -> f32 {
+    fn transmittance(&self) -> K {
         self.transmittance
     }
 

@@ -7,7 +7,7 @@
 use crate::Result;
 use crate::image::Region;
 use crate::light::{Lights, Shadows};
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, Spectrum, sampling};
 use crate::run::{Cancel, memory};
 use crate::trace::{Surface, short_of, unit_normal, weights_in_triangle};
 use crate::view::View;
@@ -199,7 +199,7 @@ impl EmitterBorders {
             let index = scene.mesh.material[triangle as usize] as usize;
             let material = &scene.materials[index];
             let has_texture = material.emission_texture.is_some();
-            let mut through = 0.0;
+            let mut through = S::Share::default();
             let mut light = Rgb::BLACK;
             for i in 0..self.rays {
                 let at = part.point(sampling::sobol2(i, 0, seed));
@@ -211,16 +211,17 @@ impl EmitterBorders {
                     through += transmittance;
                     if has_texture {
                         let weights = weights_in_triangle(corners, origin + d * t);
-                        light += Surface::emission_at(scene, triangle, weights) * transmittance;
+                        light +=
+                            transmittance.filter(Surface::emission_at(scene, triangle, weights));
                     }
                 }
             }
-            let share = area as f32 * through / self.rays as f32;
+            let share = through.each(|through| area as f32 * through / self.rays as f32);
             seen.radiance += match has_texture {
                 true => light * (area as f32 / self.rays as f32),
-                false => Rgb(material.emission) * share,
+                false => share.filter(Rgb(material.emission)),
             };
-            seen.share += share;
+            seen.share += share.mean();
         }
         seen
     }

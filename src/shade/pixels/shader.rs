@@ -9,7 +9,7 @@ use super::pixel_sum::PixelSum;
 use super::sample::{Sample, SampleCounts};
 use crate::gather::SampleRange;
 use crate::light::{DirectLight, Lights, ShadowRays, Visibility};
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, Spectrum, sampling};
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::surfaces::{GatherAtSurfaces, Lattice, WithSky};
 use crate::trace::Surface;
@@ -184,7 +184,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             return;
         }
         for s in samples {
-            let (mut radiance, mut transmittance) = (Rgb::BLACK, 0.0);
+            let mut radiance = Rgb::BLACK;
+            let mut transmittance = <A::Passed as PassedMedia>::Share::default();
             let mut alike = 0;
             for k in known.clone().filter(|k| smooth && self.same_end(k, s)) {
                 radiance += k.passed.radiance();
@@ -331,12 +332,12 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             return;
         };
         let through = passed.transmittance();
-        let reflect = surface.albedo * (FRAC_1_PI * through);
+        let reflect = (through * FRAC_1_PI).filter(surface.albedo);
         let own = || self.emission(pixel.at(), sample, surface);
         let emission = over_pixel.unwrap_or_else(own);
         let radiance = [
             WithSky {
-                all: reflect * direct.all + emission * through,
+                all: reflect * direct.all + through.filter(emission),
                 sky: reflect * direct.sky,
             },
             WithSky {
@@ -351,7 +352,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             let scene = self.view.tracer.scene;
             let emission = surface.emission(scene, sample.triangle, -sample.direction);
             let albedo = Rgb((surface.albedo + emission).0.map(|c| c.min(1.0)));
-            let albedo = albedo * through + ends.albedo_of_media * (1.0 - through);
+            let stopped = through.each(|through| 1.0 - through);
+            let albedo = through.filter(albedo) + stopped.filter(ends.albedo_of_media);
             (pixel.ends).add_surface(weight, depth, position, albedo);
         }
     }
@@ -364,10 +366,10 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         direction: Vec3,
         passed: &A::Passed,
     ) {
-        let sky = self.background(direction) * passed.transmittance();
+        let sky = passed.transmittance().filter(self.background(direction));
         pixel.add_miss(weight, WithSky { all: sky, sky }, passed);
         if let Some(ends) = &self.ends {
-            let alpha = 1.0 - passed.transmittance();
+            let alpha = 1.0 - passed.transmittance().mean();
             (pixel.ends).add_nothing(weight, alpha, ends.albedo_of_media * alpha);
         }
     }
@@ -406,7 +408,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
 }
 
 /// Whether two rays of a pixel passed media alike, to a fiftieth.
-fn alike(a: &impl PassedMedia, b: &impl PassedMedia) -> bool {
+fn alike<T: PassedMedia>(a: &T, b: &T) -> bool {
     let (la, lb) = (a.radiance().luminance(), b.radiance().luminance());
-    (a.transmittance() - b.transmittance()).abs() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
+    let apart = (a.transmittance() - b.transmittance()).each(f32::abs);
+    apart.most() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
 }

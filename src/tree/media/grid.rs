@@ -14,6 +14,8 @@ const EMPTY: u32 = u32::MAX;
 pub struct BlockGrid<B> {
     pub index_from_scene: Affine3A,
     pub index_from_scene_f64: DAffine3,
+    /// Extinction of red, green and blue over that of the lvoxels, one of them 1.
+    pub extinction_color: [f32; 3],
     pub dims: [f32; 3],
     pub table_dims: [usize; 3],
     /// Index in `bricks`, or [`EMPTY`].
@@ -91,6 +93,7 @@ impl BlockGrid<()> {
         Self {
             index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
             index_from_scene_f64: exact,
+            extinction_color: info.extinction_color,
             dims: info.dims.map(|n| n as f32),
             table_dims,
             table: vec![EMPTY; table_dims.iter().product()],
@@ -172,6 +175,7 @@ impl BlockGrid<()> {
         BlockGrid {
             index_from_scene: self.index_from_scene,
             index_from_scene_f64: self.index_from_scene_f64,
+            extinction_color: self.extinction_color,
             dims: self.dims,
             table_dims: self.table_dims,
             table: self.table,

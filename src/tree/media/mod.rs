@@ -11,7 +11,7 @@ mod incident;
 mod walk;
 
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
-use crate::math::{Boxes, Ray, Rgb};
+use crate::math::{Boxes, Ray, Rgb, Spectrum};
 use glam::Vec3;
 use grid::BlockGrid;
 pub use grid::{Block, table_bytes};
@@ -157,6 +157,12 @@ impl Media {
         self.dark.as_deref().unwrap_or(self)
     }
 
+    /// Whether any volume stops one channel of light more than another.
+    #[must_use]
+    pub fn are_colored(&self) -> bool {
+        self.volumes.iter().any(|v| v.extinction_color != [1.0; 3])
+    }
+
     /// Whether there is no lvoxel at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -193,27 +199,40 @@ impl Media {
     /// Gives every segment of a ray in an lvoxel, front to back, to `add` until that says no;
     /// returns whether it never did.
     #[inline]
-    pub fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    pub fn walk<K: Spectrum>(&self, ray: &Ray, add: &mut impl FnMut(Segment<K>) -> bool) -> bool {
         self.walk_lit(ray, -ray.direction, add)
     }
 
     /// The same for light that travels with the ray, not against it.
-    pub fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    pub fn walk_with<K: Spectrum>(
+        &self,
+        ray: &Ray,
+        add: &mut impl FnMut(Segment<K>) -> bool,
+    ) -> bool {
         self.walk_lit(ray, ray.direction, add)
     }
 
     #[inline]
-    fn walk_lit(&self, ray: &Ray, travel: Vec3, add: &mut impl FnMut(Segment) -> bool) -> bool {
+    fn walk_lit<K: Spectrum>(
+        &self,
+        ray: &Ray,
+        travel: Vec3,
+        add: &mut impl FnMut(Segment<K>) -> bool,
+    ) -> bool {
         let boxes = self.boxes.along(ray);
-        let mut met = boxes.filter_map(|v| Walk::new(&self.volumes[v], ray, travel));
+        let mut met = boxes.filter_map(|v| {
+            let volume = &self.volumes[v];
+            Some((volume.extinction_color, Walk::new(volume, ray, travel)?))
+        });
         match (met.next(), met.next()) {
             (None, _) => true,
-            (Some(walk), None) => walk.run(add),
+            (Some((color, walk)), None) => walk.run(&mut |s| add(tinted(&s, &color))),
             (Some(first), Some(second)) => {
                 // What lvoxels send is known: walking them to their end costs little.
-                let walks = [first, second].into_iter().chain(met).map(|walk| {
+                let walks = [first, second].into_iter().chain(met).map(|(color, walk)| {
                     let mut all = Vec::new();
                     walk.run(&mut |s| {
+                        let s: Segment<K> = tinted(&s, &color);
                         all.push(Interval {
                             near: s.near,
                             far: s.far,
@@ -227,5 +246,16 @@ impl Media {
                 flatten_overlaps(walks, |source| source, add)
             }
         }
+    }
+}
+
+/// A segment of a medium of such a colour.
+#[inline(always)]
+fn tinted<K: Spectrum>(s: &Segment, color: &[f32; 3]) -> Segment<K> {
+    Segment {
+        near: s.near,
+        far: s.far,
+        tau: K::tinted(s.tau, color),
+        source: s.source,
     }
 }

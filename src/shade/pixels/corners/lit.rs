@@ -3,7 +3,7 @@
 use super::penumbra::LightAtPixel;
 use super::{Corner, Corners};
 use crate::light::Visibility;
-use crate::math::Rgb;
+use crate::math::{Rgb, Spectrum};
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::pixels::pixel::Pixel;
 use crate::shade::pixels::pixel_sum::PixelSum;
@@ -59,7 +59,7 @@ impl<A: CameraMedia> Corners<'_, A> {
             return LitCorner {
                 end: None,
                 passed: sample.passed,
-                radiance: radiance * sample.passed.transmittance() + sample.passed.radiance(),
+                radiance: sample.passed.transmittance().filter(radiance) + sample.passed.radiance(),
                 radius,
             };
         };
@@ -88,7 +88,7 @@ impl<A: CameraMedia> Corners<'_, A> {
                 is_edge: is_edge || visibility.has_edge(),
             }),
             passed: sample.passed,
-            radiance: light * sample.passed.transmittance() + sample.passed.radiance(),
+            radiance: sample.passed.transmittance().filter(light) + sample.passed.radiance(),
             radius,
         }
     }

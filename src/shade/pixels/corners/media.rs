@@ -1,7 +1,7 @@
 //! The media before corners, marched at some of them where those between are alike.
 
 use super::{Corner, Corners};
-use crate::math::{Aabb, Rgb};
+use crate::math::{Aabb, Rgb, Spectrum};
 use crate::scene::{Light, Volume};
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::pixels::sample::Sample;
@@ -93,7 +93,7 @@ impl<A: CameraMedia> Corners<'_, A> {
     /// Whether media do nearly the same before some corners, of which they are the mix.
     fn do_alike<'s>(
         shader: &PixelShader<A>,
-        mix: &MediaMix,
+        mix: &MediaMix<<A::Passed as PassedMedia>::Share>,
         around: impl Iterator<Item = &'s Sample<A::Passed>>,
     ) -> bool {
         let mean: A::Passed = mix.mean();
@@ -128,7 +128,8 @@ impl<A: CameraMedia> Corners<'_, A> {
         if mix.is_within(Self::MAX_FLAT_DIFFERENCE, mean.radiance().luminance()) {
             return passed;
         }
-        let (mut radiance, mut transmittance) = (Rgb::BLACK, 0.0);
+        let mut radiance = Rgb::BLACK;
+        let mut transmittance = <A::Passed as PassedMedia>::Share::default();
         for (row, along) in WEIGHTS.into_iter().enumerate() {
             for (column, across) in WEIGHTS.into_iter().enumerate() {
                 let sample = &at(column, row).sample;
@@ -140,8 +141,12 @@ impl<A: CameraMedia> Corners<'_, A> {
             }
         }
         let radiance = Rgb(radiance.0.map(|c| c.max(0.0)));
-        let scale = transmittance.max(0.0) / mean.transmittance().max(f32::MIN_POSITIVE);
-        passed.map(|p| A::Passed::of((p.transmittance() * scale).min(1.0), radiance))
+        let least = mean.transmittance().each(|t| t.max(f32::MIN_POSITIVE));
+        let scale = transmittance.each(|t| t.max(0.0)).over(least);
+        passed.map(|p| {
+            let scaled = p.transmittance().times(scale);
+            A::Passed::of(scaled.each(|t| t.min(1.0)), radiance)
+        })
     }
 }
 
@@ -151,25 +156,25 @@ fn light_behind<T: PassedMedia>(sample: &Sample<T>) -> f32 {
     let surface = sample
         .surface
         .map_or(Rgb::BLACK, |s| s.albedo * sample.direct.light() * FRAC_1_PI);
-    surface.luminance() * sample.passed.transmittance()
+    sample.passed.transmittance().luminance_of(surface)
 }
 
 /// What media do before some corners: sums, and the least and the most of transmittance and
 /// luminance.
 #[derive(Debug)]
-struct MediaMix {
+struct MediaMix<K> {
     radiance: Rgb,
-    transmittance: f32,
+    transmittance: K,
     count: f32,
     least: [f32; 2],
     most: [f32; 2],
 }
 
-impl Default for MediaMix {
+impl<K: Spectrum> Default for MediaMix<K> {
     fn default() -> Self {
         Self {
             radiance: Rgb::BLACK,
-            transmittance: 0.0,
+            transmittance: K::default(),
             count: 0.0,
             least: [f32::INFINITY; 2],
             most: [0.0; 2],
@@ -177,19 +182,19 @@ impl Default for MediaMix {
     }
 }
 
-impl MediaMix {
-    fn add(&mut self, passed: &impl PassedMedia) {
+impl<K: Spectrum> MediaMix<K> {
+    fn add(&mut self, passed: &impl PassedMedia<Share = K>) {
         self.radiance += passed.radiance();
         self.transmittance += passed.transmittance();
         self.count += 1.0;
-        let values = [passed.transmittance(), passed.radiance().luminance()];
+        let values = [passed.transmittance().mean(), passed.radiance().luminance()];
         for (k, v) in values.into_iter().enumerate() {
             self.least[k] = self.least[k].min(v);
             self.most[k] = self.most[k].max(v);
         }
     }
 
-    fn mean<T: PassedMedia>(&self) -> T {
+    fn mean<T: PassedMedia<Share = K>>(&self) -> T {
         let share = 1.0 / self.count;
         T::of(self.transmittance * share, self.radiance * share)
     }

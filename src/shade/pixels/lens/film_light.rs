@@ -66,7 +66,7 @@ impl<T: PassedMedia> FilmLight<T> {
             passed: T::default(),
         };
         let mut sum = 0.0;
-        let (mut transmittance, mut radiance) = (0.0, Rgb::BLACK);
+        let (mut transmittance, mut radiance) = (T::Share::default(), Rgb::BLACK);
         for (right, down, weight) in [
             (0, 0, (1.0 - u) * (1.0 - v)),
             (1, 0, u * (1.0 - v)),
@@ -118,7 +118,7 @@ impl<T: PassedMedia> FilmLight<T> {
         }
         let (column, row) = (x as u32, y as u32);
         let (u, v) = (x - column as f32, y - row as f32);
-        let (mut sum, mut transmittance, mut radiance) = (0.0, 0.0, Rgb::BLACK);
+        let (mut sum, mut transmittance, mut radiance) = (0.0, T::Share::default(), Rgb::BLACK);
         for (right, down, weight) in [
             (0, 0, (1.0 - u) * (1.0 - v)),
             (1, 0, u * (1.0 - v)),

@@ -7,7 +7,7 @@
 
 use super::confusion::Confusion;
 use crate::light::{Lights, Shadows};
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, Spectrum, sampling};
 use crate::scene::Lens;
 use crate::trace::{short_of, unit_normal};
 use crate::view::View;
@@ -194,10 +194,11 @@ impl Lamps {
             let key = [view.seed, 13, x.into(), y.into(), number.into()];
             let seed = sampling::hash(&key) as u32;
             let points = 0..Self::POINTS;
-            let sum: f32 = points
-                .map(|i| lamp.weight(view, lights, lens, [x, y], i, seed))
-                .sum();
-            seen += lamp.radiance * (sum / Self::POINTS as f32);
+            let weights = points.map(|i| lamp.weight(view, lights, lens, [x, y], i, seed));
+            let sum = weights.fold(S::Share::default(), |sum, weight| sum + weight);
+            seen += sum
+                .each(|sum| sum / Self::POINTS as f32)
+                .filter(lamp.radiance);
         }
         seen
     }
@@ -213,7 +214,7 @@ impl Lamp {
         [x, y]: [u32; 2],
         i: u32,
         seed: u32,
-    ) -> f32 {
+    ) -> S::Share {
         let [u, v, a, b] = sampling::sobol4(i, 0, seed);
         let all = self.areas.last().copied().unwrap_or(0.0);
         let target = a * all;
@@ -228,7 +229,7 @@ impl Lamp {
         let toward = view.camera.direction(&view.film, at[0], at[1]);
         let distance = (part.corner - middle).dot(part.normal) / toward.dot(part.normal);
         if !(distance > 0.0 && distance.is_finite()) {
-            return 0.0;
+            return S::Share::default();
         }
         let point = middle + toward * distance;
         let depth = (point - middle).dot(view.camera.axis());
@@ -241,7 +242,7 @@ impl Lamp {
         .map(|c| -c);
         let squared = on_lens[0] * on_lens[0] + on_lens[1] * on_lens[1];
         if squared > lens.aperture * lens.aperture {
-            return 0.0;
+            return S::Share::default();
         }
         let place = view.camera.scene_from_camera;
         let from = place.transform_point3(Vec3::new(on_lens[0], on_lens[1], 0.0));
@@ -251,7 +252,7 @@ impl Lamp {
         let through =
             lights.seen_transmittance(&Ray::new(from, direction, short_of(point, length)));
         let radius = lens.aperture * scale;
-        through * all / (std::f32::consts::PI * radius * radius)
+        through.each(|through| through * all / (std::f32::consts::PI * radius * radius))
     }
 }
 

@@ -5,7 +5,7 @@ use super::confusion::Confusion;
 use super::film_light::FilmLight;
 use super::smooth::{RADIUS_PER_PIXEL, RIM};
 use crate::light::ShadowRays;
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{Ray, Rgb, Spectrum, sampling};
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::pixels::pixel::Pixel;
 use crate::shade::pixels::pixel_sum::PixelSum;
@@ -286,7 +286,8 @@ impl<A: CameraMedia> LensSampler<'_, A> {
     /// Marches the media before samples of which nothing is known. Some march, and if they pass
     /// alike others take their mean.
     fn pass_media(&self, samples: &mut [LensSample<A::Passed>]) {
-        let (mut radiance, mut transmittance, mut count) = (Rgb::BLACK, 0.0, 0_u32);
+        let (mut radiance, mut count) = (Rgb::BLACK, 0_u32);
+        let mut transmittance = <A::Passed as PassedMedia>::Share::default();
         let (mut least, mut most) = ([f32::INFINITY; 2], [0.0_f32; 2]);
         for s in samples {
             if s.is_media_known {
@@ -306,7 +307,7 @@ impl<A: CameraMedia> LensSampler<'_, A> {
             radiance += passed.radiance();
             transmittance += passed.transmittance();
             count += 1;
-            let values = [passed.transmittance(), passed.radiance().luminance()];
+            let values = [passed.transmittance().mean(), passed.radiance().luminance()];
             for k in 0..2 {
                 least[k] = least[k].min(values[k]);
                 most[k] = most[k].max(values[k]);

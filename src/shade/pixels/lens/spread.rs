@@ -3,7 +3,7 @@
 use super::confusion::Confusion;
 use super::film_light::FilmLight;
 use crate::image::Region;
-use crate::math::Rgb;
+use crate::math::{Rgb, Spectrum};
 use crate::shade::pixels::camera_media::PassedMedia;
 use rayon::prelude::*;
 
@@ -150,7 +150,7 @@ fn square<T: PassedMedia>(light: &FilmLight<T>, [x0, y0]: [u32; 2], film: [u32; 
             };
             shown.add(
                 corner.radiance,
-                corner.passed.transmittance(),
+                corner.passed.transmittance().mean(),
                 corner.radius,
             );
         }

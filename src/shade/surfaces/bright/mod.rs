@@ -4,8 +4,8 @@
 mod pilot;
 
 use crate::gather::{BrightPatch, PatchRadiance, SampleRange};
-use crate::light::{Emitter, Lights, ShadowRays, Vacuum};
-use crate::math::{Rgb, sampling};
+use crate::light::{Emitter, Lights, SceneMedia, ShadowRays, Vacuum};
+use crate::math::{Rgb, Spectrum, sampling};
 use crate::shade::settings::Settings;
 use crate::trace::Surface;
 use crate::tree::Pages;
@@ -26,9 +26,9 @@ impl<'a> BrightPatchLights<'a> {
 
     /// Finds the bright patches of a frame, if pilot gathers tell that they send much of its light,
     /// and if there is nothing between surfaces for gathers.
-    pub fn find<P: Pages>(
+    pub fn find<P: Pages, K: Spectrum>(
         view: &View,
-        lights: &Lights<'a>,
+        lights: &Lights<'a, SceneMedia<'a, K>>,
         tree_patches: &mut PatchRadiance,
         pages: &P,
         settings: &Settings,
