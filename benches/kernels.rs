@@ -11,7 +11,8 @@ use lvox::image::Region;
 use lvox::internals::gather::{Gatherer, Medium, NoMedia, PatchRadiance, RayKernel, RaySettings};
 use lvox::internals::tree::{self, SurfelStore};
 use lvox::internals::{
-    Composite, Environment, Lights, Scratch, ShadowRays, Surface, Tracer, plain, reference,
+    Composite, Environment, Lights, SceneMedia, Scratch, ShadowRays, Surface, Tracer, plain,
+    reference,
 };
 use lvox::run::Job;
 use lvox::scene::Scene;
@@ -47,7 +48,7 @@ fn cells(bencher: Bencher) {
     let (tracer, rays) = (&*TRACER, rays(RAYS));
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {
-            black_box(tracer.optical_depth(&Ray::endless(origin, direction)));
+            black_box(tracer.optical_depth::<f32>(&Ray::endless(origin, direction)));
         }
     });
 }
@@ -145,7 +146,7 @@ fn receivers(tracer: &Tracer) -> Vec<Surface> {
 
 /// Direct light of surface points, one shadow ray each.
 fn light(bencher: Bencher, tracer: &Tracer) {
-    let lights = Lights::new(tracer);
+    let lights = Lights::<SceneMedia>::new(tracer);
     let receivers = receivers(tracer);
     let count = ItemsCount::new(receivers.len());
     bencher.counter(count).bench(|| {

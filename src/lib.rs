@@ -103,7 +103,7 @@ pub use math::{Aabb, Ray, Rgb};
 pub mod internals {
     pub use crate::gather::cone::Scratch;
     pub use crate::gather::patch_radiance::MAX_PACKET;
-    pub use crate::light::{Lights, ShadowRays};
+    pub use crate::light::{Lights, SceneMedia, ShadowRays};
     pub use crate::math::Environment;
     pub use crate::math::sampling::{
         cosine_hemisphere, hash, mix, r2, sobol2, sphere, tangents, unit2,

@@ -119,6 +119,8 @@ struct Counted<'a> {
 }
 
 impl Medium for Counted<'_> {
+    type Share = f32;
+
     fn walk(&self, _: &Ray, _: &mut impl FnMut(Segment) -> bool) -> bool {
         self.rays.fetch_add(1, Ordering::Relaxed);
         self.cancel.map(Cancel::request);
@@ -140,7 +142,7 @@ fn haze(sigma_t: f32) -> Scene {
 }
 
 /// Calls `run` with what light in a thin haze is looked for with.
-fn with_haze<M: Medium, T>(
+fn with_haze<M: Medium<Share = f32>, T>(
     around: &Shell,
     media: M,
     run: impl FnOnce(&View, &Lights, &Gatherer<NoPages, M>) -> T,
@@ -149,7 +151,7 @@ fn with_haze<M: Medium, T>(
 }
 
 /// The same in any scene.
-fn with<M: Medium, T>(
+fn with<M: Medium<Share = f32>, T>(
     scene: &Scene,
     around: &Shell,
     media: M,
@@ -173,7 +175,7 @@ fn with<M: Medium, T>(
     run(&view, &Lights::new(&tracer), &gatherer)
 }
 
-fn in_scatter<'a, M: Medium>(
+fn in_scatter<'a, M: Medium<Share = f32>>(
     view: &View<'a>,
     regions: &[Region],
     lights: &'a Lights<'a>,
@@ -190,7 +192,7 @@ fn in_scatter<'a, M: Medium>(
 }
 
 /// Sweeps the haze on one thread.
-fn sweep<M: Medium>(around: &Shell, media: M, cancel: &Cancel) -> crate::Result<()> {
+fn sweep<M: Medium<Share = f32>>(around: &Shell, media: M, cancel: &Cancel) -> crate::Result<()> {
     let job = Job {
         cancel: cancel.clone(),
         ..Job::default()

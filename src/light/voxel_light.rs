@@ -193,7 +193,7 @@ mod tests {
             .mesh(floor);
         let scene = scene.build().unwrap();
         let tracer = Tracer::new(&scene);
-        let lights = Lights::new(&tracer);
+        let lights = Lights::<SceneMedia>::new(&tracer);
         let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         let first = [0, 8, 8];
         let light = VoxelLight::new(&lights, &kept, &scene.volumes[0], first).unwrap();
@@ -245,7 +245,7 @@ mod tests {
             .mesh(roof);
         let scene = scene.build().unwrap();
         let tracer = Tracer::new(&scene);
-        let lights = Lights::new(&tracer);
+        let lights = Lights::<SceneMedia>::new(&tracer);
         let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
         let is_dark = |first| {
             let light = VoxelLight::new(&lights, &kept, &scene.volumes[0], first).unwrap();

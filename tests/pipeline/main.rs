@@ -6,6 +6,7 @@ mod bounce;
 mod bright;
 mod bytes;
 mod clouds;
+mod colored_media;
 mod contact;
 mod counts;
 mod damage;

@@ -507,6 +507,8 @@ mod tests {
     }
 
     impl GatherInMedia for Lvoxels {
+        type Share = f32;
+
         fn settings(&self) -> &crate::gather::RaySettings<'_> {
             unreachable!()
         }

@@ -4,7 +4,7 @@ use super::{LightCut, LightTree};
 use crate::light::emitter::Emitter;
 use crate::light::emitters::Emitters;
 use crate::light::shading_point::{MediumReceiver, Receiver, SurfaceReceiver};
-use crate::light::{Lights, ShadowRays};
+use crate::light::{Lights, SceneMedia, ShadowRays};
 use crate::math::{Ray, Rgb, sampling};
 use crate::scene::{Light, Material, Scene};
 use crate::trace::Tracer;
@@ -261,7 +261,7 @@ fn the_mean_over_rays_is_the_sum_over_all_lights() {
     let emitters = Emitters::new(&open);
     let tracer = Tracer::new(&scene);
     for (baking, tolerance) in [(true, 0.005), (false, 0.04)] {
-        let mut lights = Lights::new(&tracer);
+        let mut lights = Lights::<SceneMedia>::new(&tracer);
         if baking {
             lights = lights.for_baking();
         }
@@ -394,7 +394,7 @@ fn a_surface_that_holds_a_light_does_not_hide_its_light() {
             intensity: [1.0; 3],
         }];
         let tracer = Tracer::new(&scene);
-        let lights = Lights::new(&tracer);
+        let lights = Lights::<SceneMedia>::new(&tracer);
         for i in 0..100 {
             let point = Vec3::new(numbers.unit(), -numbers.unit(), numbers.unit()) * 3.0;
             let rays = ShadowRays::Sequence {
@@ -428,7 +428,7 @@ fn a_hidden_sun_beside_many_emitters_brings_nothing() {
         };
         scene.lights.extend(std::iter::repeat_n(sun, suns));
         let tracer = Tracer::new(&scene);
-        let lights = Lights::new(&tracer);
+        let lights = Lights::<SceneMedia>::new(&tracer);
         let mut numbers = Numbers::new(3);
         let mut sum = Rgb::BLACK;
         for i in 0..400 {

@@ -164,10 +164,12 @@ mod tests {
         // What tells is not sent again.
         let mut sent = 0.0;
         let ray = crate::math::Ray::endless(Vec3::new(-1.0, 0.5, 0.5), Vec3::X);
-        media.without_incident().walk(&ray, &mut |s| {
-            sent += s.source.mean();
-            true
-        });
+        media
+            .without_incident()
+            .walk(&ray, &mut |s: crate::math::segment::Segment| {
+                sent += s.source.mean();
+                true
+            });
         assert_eq!(sent, 0.0);
         let silent = Media::new(&[info], [lvoxel(0, [0; 3], 0.0)]);
         assert!(silent.incident(0).is_none());
