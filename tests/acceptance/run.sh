@@ -204,6 +204,7 @@ fire good 4.6e-4 0.0055 0.030 0.003
 neon good 1.0e-3 0.012 0.049 0.0035
 neon draft 5.6e-3 0.023 0.063 0.0022
 lens good 1.2e-3 0.054 0.038 0.003
+colored-smoke good 6.0e-4 0.030 0.054 0.003
 outdoor draft 2.0e-3 0.025 0.048 0.004
 tree good 2.0e-3 0.057 0.050 0.003
 tree draft 5.7e-3 0.105 0.066 0.004'
