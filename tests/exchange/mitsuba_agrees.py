@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """One file, two programs: mitsuba_agrees.py LVOX OUT DATA
-renders the acceptance scenes A, B and C, and shapes.xml, by Mitsuba and by `lvox reference`, compares means of blocks, and
-holds them to what two runs of Mitsuba differ by. DATA is the folder of refs/geom. Needs a Python that has mitsuba.
+renders the acceptance scenes A, B and C, shapes.xml and colored.xml by Mitsuba and by `lvox reference`, compares means of
+blocks, and holds them to what two runs of Mitsuba differ by. DATA is the folder of refs/geom. Needs a Python that has mitsuba.
 Ends with: N passed, N failed."""
 import os
 import subprocess
@@ -42,6 +42,21 @@ def shapes():
     return path
 
 
+def colored():
+    """A ball of three channels beside a copy of colored.xml."""
+    n = 24
+    p = (np.indices((n, n, n)) + 0.5) / n * 2 - 1
+    depth = np.clip((1 - np.sqrt((p**2).sum(0))) * 3, 0, 1)
+    smoke = (depth[..., None] * [1, 0.5, 0.2]).astype("<f4")
+    head = np.array([1, n, n, n, 3], "<i4").tobytes() + np.array([0, 0, 0, 1, 1, 1], "<f4").tobytes()
+    with open(os.path.join(out, "ball.vol"), "wb") as file:
+        file.write(b"VOL\3" + head + smoke.tobytes())
+    path = os.path.join(out, "colored.xml")
+    with open(os.path.join(here, "colored.xml")) as source, open(path, "w") as copy:
+        copy.write(source.read())
+    return path
+
+
 def blocks(image):
     h, w = (n // BLOCK for n in image.shape[:2])
     cut = image[: h * BLOCK, : w * BLOCK]
@@ -70,6 +85,7 @@ rows = [
     ("B", f"{scenes}/B.xml", 3, {"data": data, "width": 64, "height": 64}),
     ("C", f"{scenes}/C.xml", 3, {"data": data, "volume": vol("bunny_density_128.nrrd"), "width": 64, "height": 48}),
     ("shapes", shapes(), 0, {}),
+    ("colored", colored(), 8, {}),
 ]
 for name, path, depth, parameters in rows:
     if wanted and name not in wanted:
