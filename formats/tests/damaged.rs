@@ -454,8 +454,15 @@ fn descriptions_of_packed_scenes_are_checked() {
         let of = of.map(|(volume, color)| ExtinctionColor { volume, color });
         meta.parts.extinction_colors = of.collect();
     }
+    fn albedos<'a>(meta: &'a mut PackedMeta, of: &[u32]) -> &'a mut [PackedVolume] {
+        let mut channel = meta.volumes[0].clone();
+        channel.levels.truncate(1);
+        meta.volumes.extend(vec![channel; 3]);
+        meta.parts.albedo_grids = of.to_vec();
+        &mut meta.volumes[1..]
+    }
     const RED: [f32; 3] = [1.0, 0.5, 0.25];
-    let changes: [(Change, &str); 47] = [
+    let changes: [(Change, &str); 50] = [
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),
@@ -534,6 +541,9 @@ fn descriptions_of_packed_scenes_are_checked() {
             "extinction colour",
         ),
         (|m| colors(m, &[(0, [1.0, 2.0, -1.0])]), "from 0 to 1"),
+        (|m| m.parts.albedo_grids = vec![0], "albedo grids"),
+        (|m| albedos(m, &[0])[0].dims[0] = 8, "as many voxels"),
+        (|m| drop(albedos(m, &[1])), "three volumes of one level"),
     ];
     let dir = tempfile::tempdir().unwrap();
     for (change, says) in changes {

@@ -236,7 +236,8 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
                     level,
                     block: block.map(|v| v as u16),
                     sigma_t: mean,
-                    source: (Rgb(self.volume.albedo) * light.light).0,
+                    source: (self.volume.mean_albedo(block.map(|b| b * edge), edge) * light.light)
+                        .0,
                     lobe: light.lobe(mean_cosine),
                 });
             }

@@ -1,7 +1,9 @@
 //! The lvoxels of one volume, numbered, and the way of a ray through them.
 
+use super::light::Light;
 use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
+use crate::scene::Volume;
 use glam::{Affine3A, DAffine3, DMat3, DVec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
 
@@ -11,8 +13,13 @@ const EMPTY: u32 = u32::MAX;
 /// The lvoxels of one volume, in the order in which they came.
 #[derive(Debug)]
 pub struct Blocks {
-    /// Single-scattering albedo.
+    /// Single-scattering albedo; where that varies, its mean.
     pub albedo: [f32; 3],
+    /// By block, where it varies.
+    albedos: Vec<Light>,
+    /// The mean cosine of the phase function that its medium had before it was made to scatter alike
+    /// in all directions.
+    mean_cosine: f32,
     /// By block: extinction per scene unit.
     pub sigma_t: Vec<f32>,
     /// What extinction is of that of the medium.
@@ -48,6 +55,8 @@ impl Blocks {
         let table_dims = info.dims.map(|n| (n as usize).div_ceil(BRICK));
         Self {
             albedo: info.albedo,
+            albedos: Vec::new(),
+            mean_cosine: 0.0,
             scale: 1.0,
             sigma_t: Vec::new(),
             levels: Vec::new(),
@@ -68,7 +77,25 @@ impl Blocks {
         let most = self.albedo.into_iter().fold(0.0, f32::max);
         self.scale = 1.0 - most * mean_cosine;
         self.albedo = (self.albedo).map(|a| a * (1.0 - mean_cosine) / (1.0 - a * mean_cosine));
+        self.mean_cosine = mean_cosine;
         self
+    }
+
+    /// Takes the albedo that each block has in a medium, whose albedo varies.
+    pub fn take_albedos(&mut self, volume: &Volume) {
+        let g = self.mean_cosine;
+        let blocks = self.corners.iter().zip(&self.levels);
+        let albedos = blocks.map(|(corner, level)| {
+            let albedo = volume.mean_albedo(corner.map(|v| v as usize), 1 << level);
+            Light::from(albedo.0.map(|a| a * (1.0 - g) / (1.0 - a * g)))
+        });
+        self.albedos = albedos.collect();
+    }
+
+    /// The albedo of a block.
+    pub fn albedo_of(&self, block: usize) -> Light {
+        let own = self.albedos.get(block);
+        own.copied().unwrap_or_else(|| Light::from(self.albedo))
     }
 
     /// Adds an lvoxel. The first in a brick decides on the size of the brick's blocks; one that

@@ -94,13 +94,13 @@ impl Lobes {
         direct: &[Light],
         cancel: &Cancel,
     ) -> Result<Vec<Light>> {
-        let albedo = Light::from(blocks.albedo);
         let more = More {
             direct,
             lobes: &self.direct,
         };
         let mut given = sweeps.means_of(&more, &WallLight::NONE, cancel)?;
-        (given.iter_mut().zip(direct)).for_each(|(g, d)| *g = *g * albedo + *d);
+        let pairs = given.iter_mut().zip(direct).enumerate();
+        pairs.for_each(|(i, (g, d))| *g = *g * blocks.albedo_of(i) + *d);
         Ok(given)
     }
 
@@ -130,10 +130,10 @@ impl Lobes {
     /// the mean of all directions, and the mean direction.
     pub fn scattered(&self, blocks: &Blocks, sources: &[Light], direct: &[Light]) -> Vec<Sent> {
         let g = self.mean_cosine;
-        let given = Light::from(blocks.albedo);
-        // Of the albedo that spreading made of it.
-        let albedo = given / (given * g + (1.0 - g));
-        let scattered = |((all, direct), flux): ((&Light, &Light), &Vec3)| {
+        let scattered = |(i, ((all, direct), flux)): (usize, ((&Light, &Light), &Vec3))| {
+            let given = blocks.albedo_of(i);
+            // Of the albedo that spreading made of it.
+            let albedo = given / (given * g + (1.0 - g));
             let scattered = (*all - *direct).max(Light::ZERO);
             let arriving = mean(scattered / given.max(Light::splat(f32::MIN_POSITIVE)));
             let way = if arriving > 0.0 {
@@ -147,7 +147,7 @@ impl Lobes {
             }
         };
         let pairs = sources.par_iter().zip(direct).zip(&self.flux);
-        pairs.map(scattered).collect()
+        pairs.enumerate().map(scattered).collect()
     }
 
     /// What the blocks of the medium itself send, beyond direct light and with it.

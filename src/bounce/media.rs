@@ -127,9 +127,9 @@ impl<'a> ScatteringVolume<'a> {
         walls: &WallLight,
         cancel: &Cancel,
     ) -> Result<Vec<Light>> {
-        let albedo = Light::from(self.blocks.albedo);
         let mut light = self.sweeps.means(sources, walls, cancel)?;
-        light.par_iter_mut().for_each(|l| *l *= albedo);
+        let lit = light.par_iter_mut().enumerate();
+        lit.for_each(|(i, l)| *l *= self.blocks.albedo_of(i));
         Ok(light)
     }
 

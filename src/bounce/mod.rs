@@ -51,7 +51,7 @@ use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{Medium, NoMedia};
 use crate::light::{Lights, SceneMedia};
 use crate::run::{Budget, Job, hex};
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
 use crate::tree::OpenTree;
 use crate::tree::media::mean_direction;
@@ -337,7 +337,7 @@ impl Gathering<'_> {
             blocks,
             direct,
             lobes,
-        } = Lvoxels::of(source, &mean_cosines)?;
+        } = Lvoxels::of(source, &scene.volumes, &mean_cosines)?;
         let least = least_memory(scene, source, settings, job);
         let room = Room::new(bytes_laid_down(&least, source, job));
         let volumes = (0..blocks.len()).map(|i| {
@@ -387,8 +387,8 @@ struct Lvoxels {
 }
 
 impl Lvoxels {
-    /// Those of a tree, of volumes whose phase functions have these mean cosines.
-    fn of(tree: &Tree<MappedFile>, mean_cosines: &[f32]) -> Result<Self> {
+    /// Those of a tree, of the volumes of a scene, whose phase functions have these mean cosines.
+    fn of(tree: &Tree<MappedFile>, media: &[Volume], mean_cosines: &[f32]) -> Result<Self> {
         let cosine = |i: usize| mean_cosines.get(i).copied().unwrap_or(0.0);
         let volumes = tree.meta().cloud.volumes.iter().enumerate();
         let volumes = volumes.map(|(i, info)| match cosine(i) {
@@ -406,6 +406,11 @@ impl Lvoxels {
                 if cosine(volume) != 0.0 {
                     lobes[volume].push(mean_direction(lvoxel.lobe));
                 }
+            }
+        }
+        for (blocks, volume) in blocks.iter_mut().zip(media) {
+            if volume.albedo_grid.is_some() {
+                blocks.take_albedos(volume);
             }
         }
         Ok(Self {

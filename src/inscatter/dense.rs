@@ -40,7 +40,10 @@ pub fn mean_radiance<G: GatherInMedia>(
         let mut depth = G::Share::default();
         tracer.march(
             &Ray::new(point, direction, reach),
-            |volume, _, _| Rgb(volumes[volume].albedo),
+            |volume, passed, _| {
+                let middle = point + direction * (0.5 * (passed.near + passed.far));
+                volumes[volume].albedo_in_scene(middle)
+            },
             |s| {
                 depth += s.tau;
                 passed.push(s);

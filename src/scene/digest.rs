@@ -1,7 +1,9 @@
 //! Digests of what a bake reads of a scene, one for each kind of thing: they tell a scene that only
 //! has another picture from one whose light has changed.
 
-use super::{Camera, Emission, EmissiveVolume, Grid, Light, Mesh, Scene, Texture, Volume, Wrap};
+use super::{
+    AlbedoGrid, Camera, Emission, EmissiveVolume, Grid, Light, Mesh, Scene, Texture, Volume, Wrap,
+};
 use crate::math::unflatten;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -278,6 +280,9 @@ fn volumes(volumes: &[Volume]) -> Digest {
         digest.floats(&v.albedo);
         if !v.is_grey() {
             digest.floats(&v.extinction_color);
+        }
+        for channel in v.albedo_grid.iter().flat_map(AlbedoGrid::channels) {
+            grid(channel, digest);
         }
         if !v.phase.is_isotropic() {
             let [first, second] = v.phase.lobes();

@@ -17,6 +17,7 @@
 //! far from the origin exact in f32. Right-handed, y up, cameras look down their local -z, linear
 //! Rec.709.
 
+mod albedo_grid;
 mod builder;
 mod camera;
 mod digest;
@@ -36,6 +37,7 @@ mod volume;
 
 pub use crate::column::Column;
 pub use crate::math::PhaseFunction;
+pub use albedo_grid::AlbedoGrid;
 pub use builder::{
     CameraInput, EmissiveInput, EnvironmentInput, LightInput, MeshInput, SceneBuilder, VolumeInput,
 };
@@ -280,7 +282,10 @@ impl Scene {
             }
         }
         let textures: u64 = textures.iter().map(|t| t.bytes()).sum();
-        let grids: usize = self.grids().map(|v| v.sigma_t.bytes()).sum();
+        let grids = self
+            .grids()
+            .map(|v| v.sigma_t.bytes() + v.albedo_grid.as_ref().map_or(0, AlbedoGrid::bytes));
+        let grids: usize = grids.sum();
         let mesh = match self.as_packed() {
             Some(_) => 0,
             None => self.mesh.bytes(),

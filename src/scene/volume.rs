@@ -1,9 +1,10 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
-use super::grid::{Pyramid, VolumeGrid};
+use super::albedo_grid::{AlbedoGrid, mean_over};
+use super::grid::{Pyramid, VolumeGrid, VoxelBox};
 use crate::Result;
-use crate::math::{Aabb, PhaseFunction};
+use crate::math::{Aabb, PhaseFunction, Rgb};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
 /// A scattering and absorbing medium. There is none outside its box.
@@ -17,8 +18,11 @@ pub struct Volume {
     /// Extinction of red, green and blue over `sigma_t`, each in `[0,1]` and one of them 1: all of
     /// a grey medium.
     pub extinction_color: [f32; 3],
-    /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`.
+    /// Single-scattering albedo, sigma_s / sigma_t, each channel in `[0,1]`; where that varies, its
+    /// mean, weighted by the extinction.
     pub albedo: [f32; 3],
+    /// The albedo of each voxel, if that varies; [`Volume::albedo_at`] asks it.
+    pub albedo_grid: Option<AlbedoGrid>,
     /// How scattered light is spread over directions.
     pub phase: PhaseFunction,
     /// Maps the box `0..dims` of the grid into the scene; any invertible affine map.
@@ -44,6 +48,7 @@ impl Volume {
             sigma_t: sigma_t.into(),
             extinction_color: [1.0; 3],
             albedo,
+            albedo_grid: None,
             phase: PhaseFunction::ISOTROPIC,
             scene_from_index: DAffine3::IDENTITY,
             index_from_scene: Affine3A::IDENTITY,
@@ -77,6 +82,48 @@ impl Volume {
         self.extinction_color.into_iter().fold(1.0, f32::min)
     }
 
+    /// The same medium with an albedo that varies, on the voxels of its extinction; its mean is left to
+    /// the caller.
+    #[must_use]
+    pub fn with_albedo_grid(self, albedo_grid: Option<AlbedoGrid>) -> Self {
+        Self {
+            albedo_grid,
+            ..self
+        }
+    }
+
+    /// The albedo at a point of index space.
+    #[must_use]
+    #[inline]
+    pub fn albedo_at(&self, point_in_index: Vec3) -> Rgb {
+        match &self.albedo_grid {
+            None => Rgb(self.albedo),
+            Some(grid) => grid.at(point_in_index),
+        }
+    }
+
+    /// The albedo at a point of scene space.
+    #[must_use]
+    #[inline]
+    pub fn albedo_in_scene(&self, point: Vec3) -> Rgb {
+        match &self.albedo_grid {
+            None => Rgb(self.albedo),
+            Some(grid) => grid.at(self.index_from_scene.transform_point3(point)),
+        }
+    }
+
+    /// The mean albedo over a cube of voxels, as far as it is in the grid, weighted by the extinction.
+    #[must_use]
+    pub fn mean_albedo(&self, first: [usize; 3], edge: usize) -> Rgb {
+        let Some(grid) = &self.albedo_grid else {
+            return Rgb(self.albedo);
+        };
+        let dims = self.sigma_t.dims();
+        let dims = std::array::from_fn(|a| edge.min(dims[a].saturating_sub(first[a])));
+        let mean = mean_over(grid, &self.sigma_t, VoxelBox { first, dims });
+        mean.unwrap_or(Rgb(self.albedo))
+    }
+
     /// Whether it stops red, green and blue alike.
     #[must_use]
     pub fn is_grey(&self) -> bool {
@@ -93,7 +140,19 @@ impl Volume {
         let place = self.scene_from_index * voxels;
         let coarser = Self::new(self.name.clone(), grid.clone(), self.albedo, place);
         let coarser = coarser.with_extinction_color(self.extinction_color);
+        let coarser = coarser.with_albedo_grid(self.albedo_grid_at_level(level));
         coarser.with_phase(self.phase)
+    }
+
+    fn albedo_grid_at_level(&self, level: usize) -> Option<AlbedoGrid> {
+        let mut albedo = self.albedo_grid.clone()?;
+        for level in 1..=level {
+            let (finer, coarser) = (self.level(level - 1), self.level(level));
+            if finer.dims() != coarser.dims() {
+                albedo = albedo.coarser(finer, coarser);
+            }
+        }
+        Some(albedo)
     }
 
     /// The grid of voxels of 2^`level` times the edge, made when first asked for.
@@ -132,7 +191,8 @@ impl Volume {
     /// # Errors
     /// Damage of the file, no memory for the grid, or a stop on request.
     pub fn ready(&self) -> Result<()> {
-        self.sigma_t.ready()
+        self.sigma_t.ready()?;
+        self.albedo_grid.as_ref().map_or(Ok(()), AlbedoGrid::ready)
     }
 
     /// Places its box anew; the map must be invertible.

@@ -1,5 +1,6 @@
 //! The whole way from a scene to an image, on scenes that the tests make themselves.
 
+mod albedos;
 mod animation;
 mod before_work;
 mod bounce;

@@ -277,6 +277,11 @@ fn scene_files() {
             "",
         ),
         (
+            "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nalbedo_grid = \"Cd\"",
+            "only .vdb files have this key",
+            "",
+        ),
+        (
             "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1",
             "`dims` is missing",
             "",

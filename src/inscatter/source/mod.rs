@@ -206,7 +206,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             voxel_depth: depth * voxel / (to - from).length(),
             seen: self.seen(volume, point),
         };
-        Rgb(medium.albedo) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
+        medium.albedo_at(at) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
     }
 
     fn direct(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {

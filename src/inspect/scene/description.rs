@@ -208,6 +208,9 @@ pub struct VolumeDescription {
     pub voxel_edges: [f64; 3],
     /// Single-scattering albedo.
     pub albedo: [f32; 3],
+    /// Whether the albedo varies, and `albedo` is its mean.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub albedo_varies: bool,
     /// Extinction of red, green and blue over that of the channel that has most; none if it is
     /// grey.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -265,6 +265,7 @@ fn volume(
         bounds: world_box(corners(volume, padding), origin).expect("a box has corners"),
         voxel_edges,
         albedo: volume.albedo,
+        albedo_varies: volume.albedo_grid.is_some(),
         extinction_color: (!volume.is_grey()).then_some(volume.extinction_color),
         phase_g: match (volume.phase.is_isotropic(), volume.phase.mix()) {
             (true, _) => Vec::new(),

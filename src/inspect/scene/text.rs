@@ -205,7 +205,12 @@ impl fmt::Display for VolumeDescription {
             writeln!(f, "  histogram   {from} |{}| {to}, logarithmic", h.bars())?;
         }
         let (most, mean) = (brief(&[self.sigma_t_max]), brief(&[self.sigma_t_mean]));
-        let albedo = brief(&self.albedo);
+        let of_grid = if self.albedo_varies {
+            "varies around "
+        } else {
+            ""
+        };
+        let albedo = format!("{of_grid}{}", brief(&self.albedo));
         write!(
             f,
             "  sigma_t     at most {most}, mean of the box {mean}, albedo {albedo}"

@@ -129,7 +129,8 @@ impl<'a> PathTracer<'a> {
                     origin: origin + direction * c.t,
                     lobe: Lobe::Medium(volume.phase, direction),
                 };
-                (vertex, Rgb(volume.albedo))
+                let albedo = volume.albedo_in_scene(vertex.origin);
+                (vertex, albedo)
             } else if let Some(hit) = hit {
                 let surface = Surface::new(self.scene, hit.triangle, hit.uv);
                 sum += throughput * self.emitted(&surface, &hit, direction, lobe_pdf);

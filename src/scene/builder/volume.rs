@@ -1,7 +1,7 @@
 //! Volumes as they are handed to a builder.
 
 use super::{MAX_COORDINATE, check_near, is_singular};
-use crate::scene::{Grid, PhaseFunction, Volume};
+use crate::scene::{AlbedoGrid, Grid, PhaseFunction, Volume};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 
@@ -19,6 +19,8 @@ pub struct VolumeInput {
     pub(in crate::scene) extinction_color: [f32; 3],
     /// Single-scattering albedo.
     pub(in crate::scene) albedo: [f32; 3],
+    /// The albedo of each voxel in its place, if that varies.
+    pub(in crate::scene) albedo_grid: Option<AlbedoGrid>,
     pub(in crate::scene) phase: PhaseFunction,
     /// Maps the box `0..dims` of the grid into the world.
     pub(in crate::scene) world_from_grid: DAffine3,
@@ -28,7 +30,12 @@ impl VolumeInput {
     /// The medium, in the space of a scene.
     pub(super) fn in_scene(self, scene_from_world: DAffine3) -> Volume {
         let scene_from_index = scene_from_world * self.world_from_grid;
-        let volume = Volume::new(self.name, self.sigma_t, self.albedo, scene_from_index);
+        let albedo = match &self.albedo_grid {
+            None => self.albedo,
+            Some(grid) => grid.mean(&self.sigma_t).0,
+        };
+        let volume = Volume::new(self.name, self.sigma_t, albedo, scene_from_index);
+        let volume = volume.with_albedo_grid(self.albedo_grid);
         let volume = volume.with_extinction_color(self.extinction_color);
         let mut volume = volume.with_phase(self.phase);
         volume.limit_extinction();
@@ -50,6 +57,7 @@ impl VolumeInput {
             sigma_t,
             extinction_color: [1.0; 3],
             albedo,
+            albedo_grid: None,
             phase: PhaseFunction::ISOTROPIC,
             world_from_grid,
         }
@@ -61,6 +69,18 @@ impl VolumeInput {
     pub fn extinction_color(self, extinction_color: [f32; 3]) -> Self {
         Self {
             extinction_color,
+            ..self
+        }
+    }
+
+    /// The same medium with a single-scattering albedo of its own for each voxel, red, green and blue,
+    /// each in `[0,1]`: on grids of as many voxels as that of the extinction. They matter where
+    /// that is not 0, and between such voxels and their neighbours.
+    #[must_use]
+    pub fn albedo_grid(self, channels: [Grid; 3]) -> Self {
+        let albedo_grid = AlbedoGrid::new(channels.map(Into::into));
+        Self {
+            albedo_grid: Some(albedo_grid),
             ..self
         }
     }
@@ -120,6 +140,11 @@ impl VolumeInput {
                 "the extinction colour {:?} is not in [0,1] with a largest channel of 1",
                 self.extinction_color
             ));
+        }
+        if let Some(grid) = &self.albedo_grid
+            && let Err(error) = grid.check(&self.sigma_t)
+        {
+            return wrong(error.to_string());
         }
         if !self.phase.is_valid() {
             return wrong(format!(

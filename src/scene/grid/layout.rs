@@ -90,6 +90,17 @@ impl Layout {
         Ok(layout)
     }
 
+    /// The bricks that a grid stores.
+    pub(super) fn of_stored(grid: &Grid) -> Self {
+        let stored = grid.slots.iter().enumerate();
+        let stored = stored.filter(|(_, slot)| **slot != ABSENT);
+        Self {
+            dims: grid.dims,
+            bricks: grid.bricks,
+            stored: stored.map(|(b, _)| b).collect(),
+        }
+    }
+
     /// Bytes that the grid will hold, at most.
     pub(in crate::scene) fn bytes(&self) -> u64 {
         let brick = (BRICK_SAMPLES + 1) * size_of::<f32>();

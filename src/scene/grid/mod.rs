@@ -157,6 +157,17 @@ impl Grid {
         }
     }
 
+    /// Another grid of as many voxels, with samples in the bricks that this one stores. `read` is as
+    /// for [`Layout::fill`].
+    pub(super) fn on_its_bricks<T: Send, E: Send>(
+        &self,
+        read: impl Fn(&Region, &mut [f32]) -> Result<T, E> + Sync,
+    ) -> Result<(Self, Vec<T>), E> {
+        let (mut grid, told) = Layout::of_stored(self).fill(read)?;
+        grid.size = self.size;
+        Ok((grid, told))
+    }
+
     fn checked(self) -> Result<Self> {
         match self.first_invalid() {
             None => Ok(self),

@@ -69,7 +69,7 @@ impl Grid {
     }
 
     /// Writes the samples of a box of voxels, x fastest, over what is 0.
-    fn read(&self, voxels: &VoxelBox, samples: &mut [f32]) {
+    pub(in crate::scene) fn read(&self, voxels: &VoxelBox, samples: &mut [f32]) {
         let [nx, ny, _] = voxels.dims;
         self.each_brick_of(voxels, |b, brick| {
             // Sample s of a brick is that of the voxel at its first corner minus one.

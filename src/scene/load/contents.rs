@@ -108,7 +108,13 @@ fn mesh(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 
 fn volumes(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     let fields = match extension(path).as_str() {
-        "vdb" => vdb::read(files.map("volume", path)?, path, vdb::Wanted::All, files),
+        "vdb" => vdb::read(
+            files.map("volume", path)?,
+            path,
+            vdb::Wanted::All,
+            None,
+            files,
+        ),
         kind => {
             let content = files.read("volume", path)?;
             read_field(kind, content, path, files).map(|field| vec![field])

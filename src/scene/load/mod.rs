@@ -20,6 +20,7 @@
 // - `files`: reads and hashes files and collects warnings; `images`: those that were decoded;
 //   `left_out`: what to tell of them; `changes`: values of a scene file that are changed as it is read
 
+mod albedo;
 mod builtin;
 mod changes;
 pub(crate) mod colors;

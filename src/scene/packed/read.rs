@@ -9,8 +9,8 @@ use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Lens, Light, Mask,
-    Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
+    AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Lens,
+    Light, Mask, Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3A};
@@ -65,6 +65,12 @@ fn scene(
     let mut volumes = volumes.collect::<Result<Vec<Volume>>>()?;
     for of in &meta.parts.extinction_colors {
         volumes[of.volume as usize].extinction_color = of.color;
+    }
+    let first = volumes.len();
+    for (i, &medium) in meta.parts.albedo_grids.iter().enumerate() {
+        let channel = |c: usize| albedo(packed, first + 3 * i + c, cancel);
+        let grid = AlbedoGrid::new([channel(0)?, channel(1)?, channel(2)?]);
+        volumes[medium as usize].albedo_grid = Some(grid);
     }
     let emissive = meta.lights.iter();
     let emissive = emissive.filter_map(|l| emissive_volume(packed, l, cancel).transpose());
@@ -341,6 +347,23 @@ fn medium(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
         .hint("pack the scene again"));
     }
     Ok(volume)
+}
+
+/// A channel of the albedo of a medium.
+fn albedo(packed: &PackedScene, i: usize, cancel: &Cancel) -> Result<VolumeGrid> {
+    let volumes = &packed.file().meta().volumes;
+    let info = volumes
+        .get(i)
+        .ok_or_else(|| Error::input("an albedo is not there"))?;
+    let grid = volume(packed, i, info, cancel)?.sigma_t;
+    match grid.max() <= 1.0 {
+        true => Ok(grid),
+        false => Err(Error::input(format!(
+            "the volume \"{}\": expected albedos of at most 1, found {}",
+            info.name,
+            grid.max()
+        ))),
+    }
 }
 
 fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) -> Result<Volume> {

@@ -12,8 +12,8 @@ use crate::run::Cancel;
 use crate::scene::grid::VolumeGrid;
 use crate::scene::texture::{CodeValues, Texels};
 use crate::scene::{
-    Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Grid, Lens, Light, Material,
-    Scene, Texture, Volume, Wrap,
+    AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Grid, Lens, Light,
+    Material, Scene, Texture, Volume, Wrap,
 };
 use rayon::prelude::*;
 
@@ -31,11 +31,54 @@ pub type LevelTables = Vec<Vec<BrickTable>>;
 /// # Errors
 /// A level of a packed scene that cannot be read.
 pub fn level_tables(scene: &Scene) -> Result<LevelTables> {
-    let of = |volume: &Volume| {
+    let of = |volume: Stored<'_>| {
         let table = |grid: &Grid| BrickTable::new(grid.entries());
-        Ok(levels(volume)?.into_iter().map(table).collect())
+        Ok(volume.levels()?.into_iter().map(table).collect())
     };
-    scene.grids().map(of).collect()
+    stored(scene).map(of).collect()
+}
+
+/// A volume of a packed scene.
+#[derive(Clone, Copy)]
+enum Stored<'a> {
+    /// A medium, or one that light comes from, with its levels.
+    Volume(&'a Volume),
+    /// A channel of the albedo of a medium.
+    Albedo(&'a Volume, &'a VolumeGrid),
+}
+
+/// The volumes of a packed scene: media, their albedos, and what light comes from.
+fn stored(scene: &Scene) -> impl Iterator<Item = Stored<'_>> {
+    let albedos = scene.volumes.iter().flat_map(|v| {
+        let channels = v.albedo_grid.iter().flat_map(AlbedoGrid::channels);
+        channels.map(move |grid| Stored::Albedo(v, grid))
+    });
+    let emissive = scene.emissive.iter().map(|e| Stored::Volume(&e.values));
+    let media = scene.volumes.iter().map(Stored::Volume);
+    media.chain(albedos).chain(emissive)
+}
+
+impl<'a> Stored<'a> {
+    fn levels(self) -> Result<Vec<&'a Grid>> {
+        match self {
+            Self::Volume(volume) => levels(volume),
+            Self::Albedo(_, grid) => {
+                grid.ready()?;
+                Ok(vec![grid])
+            }
+        }
+    }
+
+    fn describe(self, tables: &[BrickTable]) -> PackedVolume {
+        match self {
+            Self::Volume(of) => volume(of, tables),
+            Self::Albedo(of, _) => PackedVolume {
+                name: format!("albedo of {}", of.name),
+                phase: None,
+                ..volume(of, tables)
+            },
+        }
+    }
 }
 
 /// The levels of a volume, down to that of a single voxel, but no more than a file has room for.
@@ -59,7 +102,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
     let film = &scene.film;
     let (images, numbers) = images(&scene.textures);
     let textures = scene.textures.iter().zip(numbers);
-    let volumes = scene.grids().zip(tables);
+    let volumes = stored(scene).zip(tables);
     PackedMeta {
         scene_hash: scene.hash,
         scene_name: scene.name.clone(),
@@ -76,7 +119,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
         materials: scene.materials.iter().map(material).collect(),
         images: images.into_iter().map(image).collect(),
         textures: textures.map(|(t, image)| texture(t, image)).collect(),
-        volumes: volumes.map(|(v, tables)| volume(v, tables)).collect(),
+        volumes: volumes.map(|(v, tables)| v.describe(tables)).collect(),
         warnings: scene.warnings.clone(),
         mesh: PackedMesh {
             vertices: mesh.positions.len() as u64,
@@ -95,6 +138,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
             emission_textures: emission_textures(scene),
             lenses: lenses(scene),
             extinction_colors: extinction_colors(scene),
+            albedo_grids: albedo_grids(scene),
         },
     }
 }
@@ -167,8 +211,10 @@ fn key(key: &CameraKey) -> PackedCameraKey {
 
 fn lights(scene: &Scene) -> Vec<PackedLight> {
     let unseen = (!scene.is_environment_seen).then_some(PackedLight::UnseenEnvironment);
-    let media = scene.volumes.len() as u32;
-    let emissive = (media..).zip(&scene.emissive).map(emissive_volume);
+    let albedos = scene.volumes.iter().filter_map(|v| v.albedo_grid.as_ref());
+    let channels = albedos.map(|grid| grid.channels().len()).sum::<usize>();
+    let others = (scene.volumes.len() + channels) as u32;
+    let emissive = (others..).zip(&scene.emissive).map(emissive_volume);
     let lights = scene.lights.iter().map(light).chain(unseen);
     lights.chain(emissive).collect()
 }
@@ -260,6 +306,13 @@ fn masks(scene: &Scene) -> Option<PackedMasks> {
         masks,
         has_opacities: !scene.mesh.opacities.is_empty(),
     })
+}
+
+/// Media whose albedo varies.
+fn albedo_grids(scene: &Scene) -> Vec<u32> {
+    let media = (0..).zip(&scene.volumes);
+    let varying = media.filter(|(_, v)| v.albedo_grid.is_some());
+    varying.map(|(volume, _)| volume).collect()
 }
 
 /// Of media that stop red, green and blue unlike.
@@ -385,8 +438,8 @@ pub fn media(
     writer: &mut PackedWriter,
     cancel: &Cancel,
 ) -> Result<()> {
-    for (volume, tables) in scene.grids().zip(tables) {
-        for (grid, table) in levels(volume)?.into_iter().zip(tables) {
+    for (volume, tables) in stored(scene).zip(tables) {
+        for (grid, table) in volume.levels()?.into_iter().zip(tables) {
             level(grid, table, writer, cancel)?;
         }
     }

@@ -91,12 +91,27 @@ pub struct PackedSummary {
 }
 
 impl PackedMeta {
-    /// The volumes that are media: all but the last, which light comes from.
+    /// The volumes that are media, which come first.
     #[must_use]
     pub fn media(&self) -> &[PackedVolume] {
+        self.volumes_by_use()[0]
+    }
+
+    /// The volumes that are albedos of media, three for each of [`PackedParts::albedo_grids`].
+    #[must_use]
+    pub fn albedos(&self) -> &[PackedVolume] {
+        self.volumes_by_use()[1]
+    }
+
+    /// Media, albedos of media, and what light comes from.
+    fn volumes_by_use(&self) -> [&[PackedVolume]; 3] {
         let lights = self.lights.iter();
         let emissive = lights.filter(|l| l.volume().is_some()).count();
-        &self.volumes[..self.volumes.len().saturating_sub(emissive)]
+        let albedos = PackedParts::CHANNELS * self.parts.albedo_grids.len();
+        let others = self.volumes.len().saturating_sub(emissive);
+        let (others, emissive) = self.volumes.split_at(others);
+        let (media, albedos) = others.split_at(others.len().saturating_sub(albedos));
+        [media, albedos, emissive]
     }
 
     /// The columns that this scene has, in the order of the file.
@@ -174,7 +189,7 @@ impl PackedMeta {
         let emissive: Vec<u32> = (self.lights.iter())
             .filter_map(PackedLight::volume)
             .collect();
-        let first = self.media().len() as u32;
+        let first = (self.media().len() + self.albedos().len()) as u32;
         check(
             emissive
                 .iter()
@@ -192,7 +207,8 @@ impl PackedMeta {
             material.validate(self.textures.len())?;
         }
         let (materials, textures) = (self.materials.len(), self.textures.len());
-        (self.parts).validate(materials, textures, &self.cameras, self.media())?;
+        let volumes = (self.media(), self.albedos());
+        (self.parts).validate(materials, textures, &self.cameras, volumes)?;
         let areas = &self.areas;
         let are_right =
             areas.len() == self.materials.len() && areas.iter().all(|a| a.is_finite() && *a >= 0.0);

@@ -24,6 +24,10 @@ pub struct PackedParts {
     /// Extinction by channel of media that are not grey, by rising number of these.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub extinction_colors: Vec<ExtinctionColor>,
+    /// Numbers of media whose albedo varies, rising. Of each three volumes come behind all media,
+    /// whose samples are its red, green and blue.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub albedo_grids: Vec<u32>,
 }
 
 /// Numbers of parts.
@@ -31,6 +35,7 @@ const MASKS: u32 = 1;
 const EMISSION_TEXTURES: u32 = 2;
 const LENSES: u32 = 3;
 const EXTINCTION_COLORS: u32 = 4;
+const ALBEDO_GRIDS: u32 = 5;
 
 /// A texture that is a factor on the emission of a material.
 #[derive(
@@ -121,7 +126,8 @@ impl bincode::Encode for PackedParts {
         }
         parts::encode(EMISSION_TEXTURES, &self.emission_textures, encoder)?;
         parts::encode(LENSES, &self.lenses, encoder)?;
-        parts::encode(EXTINCTION_COLORS, &self.extinction_colors, encoder)
+        parts::encode(EXTINCTION_COLORS, &self.extinction_colors, encoder)?;
+        parts::encode(ALBEDO_GRIDS, &self.albedo_grids, encoder)
     }
 }
 
@@ -135,6 +141,7 @@ impl<C> bincode::Decode<C> for PackedParts {
                 EMISSION_TEXTURES => found.emission_textures = parts::some(decoder)?,
                 LENSES => found.lenses = parts::some(decoder)?,
                 EXTINCTION_COLORS => found.extinction_colors = parts::some(decoder)?,
+                ALBEDO_GRIDS => found.albedo_grids = parts::some(decoder)?,
                 _ => return Err(parts::UNKNOWN),
             }
         }
@@ -150,7 +157,7 @@ impl PackedParts {
         materials: usize,
         textures: usize,
         cameras: &[PackedCamera],
-        media: &[PackedVolume],
+        (media, albedos): (&[PackedVolume], &[PackedVolume]),
     ) -> Checked<()> {
         if let Some(masks) = &self.masks {
             masks.validate(materials, textures)?;
@@ -172,6 +179,7 @@ impl PackedParts {
             &numbers,
         )?;
         self.lenses.iter().try_for_each(|l| l.validate(cameras))?;
+        self.check_albedo_grids(media, albedos)?;
         let of = &self.extinction_colors;
         check(
             are_in_order(of.iter().map(|of| of.volume), media.len())
@@ -184,6 +192,32 @@ impl PackedParts {
             let name = &media[of.volume as usize].name;
             rules::extinction_color(of.color, &|| format!("volume {name:?}"))
         })
+    }
+}
+
+impl PackedParts {
+    /// Volumes of a medium whose albedo varies.
+    pub(super) const CHANNELS: usize = 3;
+
+    fn check_albedo_grids(&self, media: &[PackedVolume], albedos: &[PackedVolume]) -> Checked<()> {
+        let of = &self.albedo_grids;
+        let is_right = |(number, channels): (&u32, &[PackedVolume])| {
+            let medium = media.get(*number as usize);
+            let is_grid_of = |m: &PackedVolume| {
+                let mut channels = channels.iter();
+                channels.all(|c| c.dims == m.dims && c.levels.len() == 1)
+            };
+            channels.len() == Self::CHANNELS && medium.is_some_and(is_grid_of)
+        };
+        let mut grids = of.iter().zip(albedos.chunks(Self::CHANNELS));
+        check(
+            are_in_order(of.iter().copied(), media.len())
+                && albedos.len() == Self::CHANNELS * of.len()
+                && grids.all(is_right),
+            &|| "albedo grids".to_owned(),
+            "three volumes of one level for each, of as many voxels as the medium",
+            of,
+        )
     }
 }
 

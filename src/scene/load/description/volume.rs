@@ -1,7 +1,7 @@
 //! The volumes of a scene file.
 
 use super::named;
-use crate::Result;
+use crate::scene::AlbedoGrid;
 use crate::scene::PhaseFunction;
 use crate::scene::builder::{VolumeInput, is_singular};
 use crate::scene::load::field::Field;
@@ -10,13 +10,15 @@ use crate::scene::load::samples::Number;
 use crate::scene::load::scale::{Density, Scale};
 use crate::scene::load::table::{Item, Table};
 use crate::scene::load::transfer::Transfer;
+use crate::scene::load::vdb::ColorFields;
 use crate::scene::load::{FIELD_FILES, builtin, depth, raw, read_field, transform, vdb};
+use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Keys of volumes.
-pub const VOLUME: [&str; 23] = [
+pub const VOLUME: [&str; 24] = [
     "file",
     "name",
     "dims",
@@ -29,6 +31,7 @@ pub const VOLUME: [&str; 23] = [
     "curve",
     "transfer",
     "albedo",
+    "albedo_grid",
     "g",
     "mix",
     "emission",
@@ -45,6 +48,9 @@ pub const VOLUME: [&str; 23] = [
 /// Keys that say what is read of which file.
 pub const FILE_KEYS: [&str; 5] = ["file", "grid", "dims", "dtype", "endian"];
 
+/// Keys that say what is read of it, and what else is wanted.
+const KEPT_KEYS: [&str; 6] = ["file", "grid", "dims", "dtype", "endian", "albedo_grid"];
+
 /// Fields that several tables name: they are read once, and go with the last that does.
 pub struct Kept<'a> {
     uses: HashMap<Vec<Option<&'a str>>, usize>,
@@ -56,7 +62,7 @@ impl<'a> Kept<'a> {
     pub fn of(tables: &[Table<'a>]) -> Self {
         let mut uses = HashMap::new();
         for table in tables {
-            *uses.entry(table.texts(&FILE_KEYS)).or_default() += 1;
+            *uses.entry(table.texts(&KEPT_KEYS)).or_default() += 1;
         }
         Self {
             uses,
@@ -70,7 +76,7 @@ impl<'a> Kept<'a> {
         table: &Table<'a>,
         read: impl FnOnce() -> Result<Vec<Field>>,
     ) -> Result<Vec<Field>> {
-        let key = table.texts(&FILE_KEYS);
+        let key = table.texts(&KEPT_KEYS);
         let left = self.uses.get_mut(&key);
         let left = left.map_or(0, |left| {
             *left = left.saturating_sub(1);
@@ -101,12 +107,14 @@ pub fn volumes<'a>(
     let (name, path) = named(table, scene, files)?;
     table.exclusive(&["window", "value_scale", "curve", "transfer"])?;
     table.exclusive(&["albedo", "transfer"])?;
+    table.exclusive(&["albedo_grid", "transfer"])?;
     table.exclusive(&["unitcube_to_world", "world_from_index", "up"])?;
     let looks = looks(table, scene, files)?;
     let phase = phase(table)?;
     let crop = crop(table)?;
     let emits = table.get("emission").is_some();
     let fields = kept.fields(table, || fields(table, &name, &path, files))?;
+    let colors = colors(table, &path, files)?;
     if fields.is_empty() {
         let path = path.display();
         files.warn(format!(
@@ -156,6 +164,12 @@ pub fn volumes<'a>(
             }
             let noted = field.note_values(&path, files);
             noted.map_err(|e| e.at(path.display()))?;
+            let albedo_grid = colors.as_ref().map(|colors| {
+                let grids = colors.albedos((&field, &sigma_t), albedo, &path, files);
+                let grids = grids.map_err(|e| e.at("albedo_grid").at(path.display()))?;
+                Ok::<_, Error>(AlbedoGrid::new(grids.map(Into::into)))
+            });
+            let albedo_grid = albedo_grid.transpose()?;
             let number = volumes.len() + 1;
             volumes.push(VolumeInput {
                 name: match number {
@@ -165,6 +179,7 @@ pub fn volumes<'a>(
                 sigma_t,
                 extinction_color: looks.extinction_color(),
                 albedo,
+                albedo_grid,
                 phase,
                 world_from_grid,
             });
@@ -361,10 +376,24 @@ pub fn placement(table: &Table<'_>, field: &Field) -> Result<DAffine3> {
     }
 }
 
+/// The colours of a volume's albedo, if they are in its file.
+fn colors(table: &Table<'_>, path: &Path, files: &mut Files) -> Result<Option<ColorFields>> {
+    let Some(item) = table.get("albedo_grid") else {
+        return Ok(None);
+    };
+    let name = item.text()?;
+    let content = files.map("volume", path).map_err(|e| table.locate(e))?;
+    let colors = vdb::read_colors(content, name, files);
+    Ok(Some(colors.map_err(|e| e.at(path.display()))?))
+}
+
 /// The samples of the grids of a volume file; none if it has no active voxel.
 pub fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> Result<Vec<Field>> {
     let kind = extension(path);
-    let keys: [(&str, &[&str]); 2] = [("raw", &["dims", "dtype", "endian"]), ("vdb", &["grid"])];
+    let keys: [(&str, &[&str]); 2] = [
+        ("raw", &["dims", "dtype", "endian"]),
+        ("vdb", &["grid", "albedo_grid"]),
+    ];
     for (extension, keys) in keys {
         for key in keys {
             if kind != extension
@@ -407,7 +436,8 @@ pub fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> 
     let one = |field| vec![field];
     if kind == "vdb" {
         let content = files.map("volume", path).map_err(|e| table.locate(e))?;
-        let fields = vdb::read(content, path, grid.into(), files);
+        let colors = table.get("albedo_grid").map(|i| i.text()).transpose()?;
+        let fields = vdb::read(content, path, grid.into(), colors, files);
         return fields.map_err(|e| e.at(path.display()));
     }
     let content = files.read("volume", path).map_err(|e| table.locate(e))?;

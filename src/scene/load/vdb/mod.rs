@@ -1,5 +1,5 @@
 //! OpenVDB fog volumes: float and half grids of the usual tree (5-4-3), floats also stored as half,
-//! in file versions 220 to 225; plain, zip or Blosc, with or without the inactive values; placed by
+//! and grids of colours beside them (vec3s); in file versions 220 to 225; plain, zip or Blosc, with or without the inactive values; placed by
 //! any affine map.
 //!
 //! - `bytes`: numbers off the front of a slice; `blosc`: unpacks compressed values
@@ -7,7 +7,7 @@
 //!   tree to a [`Field`]
 //!
 //! Inactive voxels and everything outside the active bounding box are empty, whatever the
-//! background.
+//! background; those of grids of colours are the background.
 
 mod blosc;
 mod bytes;
@@ -27,7 +27,7 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 use table::Table;
-use tree::{Encoding, LEAF, Number, Tree};
+use tree::{CHANNELS, Encoding, LEAF, Number, Tree};
 
 const MAGIC: i64 = 0x5644_4220;
 const OLDEST: u32 = 220;
@@ -100,31 +100,80 @@ impl<'a> From<Option<&'a str>> for Wanted<'a> {
     }
 }
 
+/// The channels of a grid of colours.
+pub(super) struct ColorFields {
+    /// Red, green and blue, in one box.
+    pub(super) channels: [Field; CHANNELS],
+    /// The colour outside of that.
+    pub(super) background: [f32; CHANNELS],
+}
+
+/// Reads a grid of colours, by name or label.
+pub(super) fn read_colors(
+    content: impl Into<Content>,
+    name: &str,
+    files: &Files,
+) -> Result<ColorFields> {
+    let content = Arc::new(content.into());
+    let file = File::open((*content).as_ref(), &mut LeftOut::default())?;
+    let chosen = choose(&file.entries, Some(name))?;
+    let [number] = chosen[..] else {
+        let labels = chosen.iter().map(|i| file.entries[*i].label());
+        let labels = labels.collect::<Vec<_>>().join(", ");
+        return Err(
+            Error::input(format!("the file has several grids `{name}`: {labels}"))
+                .hint("choose one by its number, as in \"Cd[0]\""),
+        );
+    };
+    let entry = &file.entries[number];
+    let place = format!("grid `{}`", entry.label());
+    let channel = |channel: usize| {
+        let grid = file.grid(entry, Some(channel), &files.cancel)?;
+        let background = grid.tree.background;
+        content.release();
+        let field = grid.into_field(content.clone(), background)?;
+        let field = field.ok_or_else(|| Error::input("no voxel is active"))?;
+        Ok::<_, Error>((field, background))
+    };
+    let read = || {
+        let [(red, r), (green, g), (blue, b)] = [channel(0)?, channel(1)?, channel(2)?];
+        Ok(ColorFields {
+            channels: [red, green, blue],
+            background: [r, g, b],
+        })
+    };
+    read().map_err(|e: Error| e.at(&place))
+}
+
 /// Reads the grids that are wanted; those that have no active voxel are left out. The user is told
-/// what else the file has.
+/// what else the file has, but for a grid of colours that is read elsewhere.
 pub(super) fn read(
     content: impl Into<Content>,
     path: &Path,
     wanted: Wanted<'_>,
+    colors: Option<&str>,
     files: &mut Files,
 ) -> Result<Vec<Field>> {
     let mut left_out = LeftOut::default();
     let content = Arc::new(content.into());
     let file = File::open((*content).as_ref(), &mut left_out)?;
+    let colors = colors.and_then(|name| choose(&file.entries, Some(name)).ok());
+    let colors = colors.unwrap_or_default();
     let chosen = match wanted {
         Wanted::Density => choose(&file.entries, None)?,
         Wanted::Named(name) => choose(&file.entries, Some(name))?,
         Wanted::All => file.readable()?,
     };
     for (i, entry) in file.entries.iter().enumerate() {
-        if !chosen.contains(&i) {
+        if !chosen.contains(&i) && !colors.contains(&i) {
             left_out.note("grids are left out", format_args!("`{}`", entry.label()));
         }
     }
     let mut fields = Vec::new();
     for entry in chosen.into_iter().map(|i| &file.entries[i]) {
         let place = format!("grid `{}`", entry.label());
-        let grid = file.grid(entry, &files.cancel).map_err(|e| e.at(&place))?;
+        let grid = file.grid(entry, None, &files.cancel);
+        let grid = grid.map_err(|e| e.at(&place))?;
         if grid.tree.background != 0.0 {
             files.warn(format!(
                 "{place} has the background {}; it is taken as 0",
@@ -133,7 +182,10 @@ pub(super) fn read(
         }
         // All of it was passed over to find leaves.
         content.release();
-        match grid.into_field(content.clone()).map_err(|e| e.at(&place))? {
+        match grid
+            .into_field(content.clone(), 0.0)
+            .map_err(|e| e.at(&place))?
+        {
             Some(field) => fields.push(field),
             None => {
                 let what = "grids without active voxels are left out";
@@ -191,7 +243,7 @@ impl<'a> File<'a> {
     }
 
     /// Reads what leads the tree of a grid: compression, metadata and place.
-    fn head(&self, entry: &Entry) -> Result<GridHead<'a>> {
+    fn head(&self, entry: &Entry, channel: Option<usize>) -> Result<GridHead<'a>> {
         let mut bytes = Bytes::new(self.content);
         bytes.seek(entry.at)?;
         let compression = match self.version < 222 {
@@ -208,7 +260,7 @@ impl<'a> File<'a> {
                 "convert it, for example with vdb_tool or Houdini's Convert VDB, to a fog volume",
             ));
         }
-        number_of(&entry.kind)?;
+        number_of(&entry.kind, channel)?;
         let world_from_index = read_map(&mut bytes)?;
         Ok(GridHead {
             tree_bytes: bytes,
@@ -222,7 +274,7 @@ impl<'a> File<'a> {
     /// error says why.
     fn readable(&self) -> Result<Vec<usize>> {
         let entries = self.entries.iter().enumerate();
-        let readable = entries.filter(|(_, entry)| self.head(entry).is_ok());
+        let readable = entries.filter(|(_, entry)| self.head(entry, None).is_ok());
         let readable: Vec<usize> = readable.map(|(i, _)| i).collect();
         match (readable.is_empty(), self.entries.is_empty()) {
             (false, _) => Ok(readable),
@@ -231,8 +283,8 @@ impl<'a> File<'a> {
         }
     }
 
-    fn grid(&self, entry: &Entry, cancel: &Cancel) -> Result<VdbGrid> {
-        let own = self.head(entry)?;
+    fn grid(&self, entry: &Entry, channel: Option<usize>, cancel: &Cancel) -> Result<VdbGrid> {
+        let own = self.head(entry, channel)?;
         // An instance has a place of its own and the tree of another grid.
         let (mut bytes, compression) = match entry.parent.is_empty() {
             true => (own.tree_bytes, own.compression),
@@ -241,14 +293,15 @@ impl<'a> File<'a> {
                 let parent = parent.filter(|p| p.parent.is_empty()).ok_or_else(|| {
                     Error::input("it shares the tree of a grid that is not there")
                 })?;
-                let head = self.head(parent)?;
+                let head = self.head(parent, channel)?;
                 (head.tree_bytes, head.compression)
             }
         };
         let encoding = Encoding {
             version: self.version,
             compression,
-            number: number_of(&entry.kind)?,
+            number: number_of(&entry.kind, channel)?,
+            channel,
         };
         let tree = Tree::read(&mut bytes, encoding, cancel)?;
         let grid = VdbGrid {
@@ -263,8 +316,18 @@ impl<'a> File<'a> {
     }
 }
 
-/// How a tree of this type has its values.
-fn number_of(kind: &str) -> Result<Number> {
+/// How a tree of this type has its values, or the channels of these.
+fn number_of(kind: &str, channel: Option<usize>) -> Result<Number> {
+    if channel.is_some() {
+        return match kind {
+            "Tree_vec3s_5_4_3" => Ok(Number::Float),
+            "Tree_vec3s_5_4_3_HalfFloat" => Ok(Number::FloatAsHalf),
+            other => Err(Error::input(format!(
+                "it has the type {other}; colours are read of Tree_vec3s_5_4_3 alone, also stored as half"
+            ))
+            .hint("convert it to a grid of vectors of three floats")),
+        };
+    }
     match kind {
         "Tree_float_5_4_3" => Ok(Number::Float),
         "Tree_float_5_4_3_HalfFloat" => Ok(Number::FloatAsHalf),
@@ -290,9 +353,9 @@ impl VdbGrid {
         }
     }
 
-    /// The samples in the box of active voxels of the file `content`; none if there are no such
-    /// voxels.
-    fn into_field(self, content: Arc<Content>) -> Result<Option<Field>> {
+    /// The samples in the box of active voxels of the file `content`, in which others are
+    /// `inactive`; none if there are no such voxels.
+    fn into_field(self, content: Arc<Content>, inactive: f32) -> Result<Option<Field>> {
         let Some((low, high)) = self.tree.extent() else {
             return Ok(None);
         };
@@ -313,7 +376,8 @@ impl VdbGrid {
         let first = low.map(|i| i - 1);
         let name = Some(self.label.clone());
         let place = [first_leaf, leaves];
-        let table = Table::new(content, self.encoding, self.label, self.tree, first, place)?;
+        let named = (self.label, inactive);
+        let table = Table::new(content, self.encoding, named, self.tree, first, place)?;
         Ok(Some(Field {
             name,
             dims: size.map(|n| n as usize + 2),
@@ -432,7 +496,7 @@ fn choose(entries: &[Entry], wanted: Option<&str>) -> Result<Vec<usize>> {
     }
     let mut readable: Vec<&str> = entries
         .iter()
-        .filter(|e| number_of(&e.kind).is_ok() || entries.len() == 1)
+        .filter(|e| number_of(&e.kind, None).is_ok() || entries.len() == 1)
         .map(|e| e.name.as_str())
         .collect();
     readable.dedup();

@@ -22,6 +22,8 @@ pub(super) struct Table {
     encoding: Encoding,
     /// What the grid is called, for messages.
     label: String,
+    /// The value of voxels that are not active.
+    inactive: f32,
     /// Index of the voxel that boxes count from.
     first: [i64; 3],
     tree: Tree,
@@ -55,7 +57,7 @@ impl Table {
     pub(super) fn new(
         content: Arc<Content>,
         encoding: Encoding,
-        label: String,
+        (label, inactive): (String, f32),
         tree: Tree,
         first: [i64; 3],
         [first_leaf, dims]: [[i64; 3]; 2],
@@ -87,6 +89,7 @@ impl Table {
             unpacked: AtomicUsize::new(0),
             encoding,
             label,
+            inactive,
             first,
             tree,
             first_leaf,
@@ -139,7 +142,7 @@ impl Source for Table {
     }
 
     fn read(&self, voxels: &VoxelBox, out: &mut [f32]) -> Result<()> {
-        out.fill(0.0);
+        out.fill(self.inactive);
         let mut buffers = Buffers::default();
         let mut values = [0.0; LEAF_VOXELS];
         let leaves = &self.tree.leaves;
@@ -151,6 +154,7 @@ impl Source for Table {
                     .unpack(
                         (*self.content).as_ref(),
                         self.encoding,
+                        self.inactive,
                         &mut buffers,
                         &mut values,
                     )

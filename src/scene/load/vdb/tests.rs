@@ -1,5 +1,6 @@
 //! Files written here, byte by byte, in all the ways that are read.
 
+mod colors;
 #[path = "../../../../tests/support/skip.rs"]
 mod skip;
 
@@ -56,6 +57,9 @@ impl Default for Spec {
     }
 }
 
+/// Channels of vectors over the value that a single number would have.
+const VECTOR: [f32; 3] = [1.0, 0.5, 2.0];
+
 fn text(s: &str) -> Vec<u8> {
     [&(s.len() as u32).to_le_bytes(), s.as_bytes()].concat()
 }
@@ -84,7 +88,19 @@ fn mask(words: usize, is_on: impl Fn(usize) -> bool) -> Vec<u8> {
 }
 
 impl Spec {
+    /// What stands in the file of a value.
+    fn numbers(&self, value: f32) -> Vec<f32> {
+        match self.kind.starts_with("Tree_vec3s") {
+            true => VECTOR.map(|factor| factor * value).to_vec(),
+            false => vec![value],
+        }
+    }
+
     fn array(&self, values: &[f32]) -> Vec<u8> {
+        let values = &values
+            .iter()
+            .flat_map(|v| self.numbers(*v))
+            .collect::<Vec<_>>()[..];
         if self.half && !self.is_half_tree() && values.is_empty() {
             return Vec::new();
         }
@@ -161,12 +177,14 @@ impl Spec {
     fn tree(&self) -> Vec<u8> {
         let mut out = 1_u32.to_le_bytes().to_vec();
         let size = if self.is_half_tree() { 2 } else { 4 };
-        out.extend(&0_f32.to_le_bytes()[..size]);
+        let background = self.numbers(0.0).into_iter();
+        out.extend(background.flat_map(|v| v.to_le_bytes()[..size].to_vec()));
         out.extend(u32::from(self.root_tile.is_some()).to_le_bytes());
         out.extend(1_u32.to_le_bytes());
         if let Some((origin, value)) = self.root_tile {
             out.extend(origin.iter().flat_map(|x| x.to_le_bytes()));
-            out.extend(value.to_le_bytes());
+            let numbers = self.numbers(value).into_iter();
+            out.extend(numbers.flat_map(f32::to_le_bytes));
             out.push(1);
         }
         out.extend(self.origin.iter().flat_map(|x| x.to_le_bytes()));
@@ -254,6 +272,7 @@ fn load(content: &[u8]) -> Result<Field> {
         content.to_vec(),
         Path::new("x.vdb"),
         Wanted::Density,
+        None,
         &mut Files::default(),
     )?;
     fields.pop().ok_or_else(|| Error::input("nothing in it"))
@@ -266,6 +285,7 @@ fn load_all(content: &[u8], wanted: Option<&str>) -> (Vec<Field>, Vec<String>) {
         content.to_vec(),
         Path::new("x.vdb"),
         wanted.into(),
+        None,
         &mut files,
     )
     .unwrap();
@@ -480,6 +500,7 @@ fn grids_are_chosen_by_name() {
             content.clone(),
             Path::new("x"),
             Wanted::from(name),
+            None,
             &mut Files::default(),
         )
     };
@@ -604,12 +625,14 @@ fn real_smoke_is_read_to_the_last_voxel() {
         return;
     };
     let file = File::open(&content, &mut LeftOut::default()).unwrap();
-    let grid = file.grid(&file.entries[0], &Cancel::default()).unwrap();
+    let grid = file
+        .grid(&file.entries[0], None, &Cancel::default())
+        .unwrap();
     assert_eq!(grid.tree.active(), 1_049_275);
     let (low, high) = grid.tree.extent().unwrap();
     assert_eq!((low, high), ([1, 2, 1], [111, 223, 112]));
     let field = grid
-        .into_field(Arc::new(content.clone().into()))
+        .into_field(Arc::new(content.clone().into()), 0.0)
         .unwrap()
         .unwrap();
     assert_eq!(field.dims, [113, 224, 114]);
@@ -644,6 +667,7 @@ fn a_stop_is_heard_and_is_of_no_place() {
         content,
         Path::new("x"),
         Wanted::Density,
+        None,
         &mut Files::until(&stopped),
     );
     let Err(error) = read.map(drop) else {

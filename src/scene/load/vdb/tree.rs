@@ -1,4 +1,4 @@
-//! The tree of a float grid: a root, inner nodes of 32^3 and 16^3 children, leaves of 8^3 voxels.
+//! The tree of a float grid, or of one channel of a grid of vectors: a root, inner nodes of 32^3 and 16^3 children, leaves of 8^3 voxels.
 //!
 //! First comes the topology (masks, and the values of inner nodes), then in the same order the
 //! values of the leaves. In a node x is the slowest axis and z the fastest.
@@ -34,7 +34,12 @@ pub(super) struct Encoding {
     pub(super) version: u32,
     pub(super) compression: u32,
     pub(super) number: Number,
+    /// The channel that is read of values of [`CHANNELS`]; `None` where they are single numbers.
+    pub(super) channel: Option<usize>,
 }
+
+/// Numbers of a vector.
+pub(super) const CHANNELS: usize = 3;
 
 /// What the values of a grid are, and as what they are stored.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -48,6 +53,11 @@ pub(super) enum Number {
 impl Encoding {
     /// Bytes of a value in a node.
     fn size(self) -> usize {
+        self.number_size() * self.channel.map_or(1, |_| CHANNELS)
+    }
+
+    /// Bytes of a number of a value in a node.
+    fn number_size(self) -> usize {
         match self.number {
             Number::Float => 4,
             Number::FloatAsHalf | Number::Half => 2,
@@ -56,10 +66,15 @@ impl Encoding {
 
     /// A value that stands alone.
     fn value(self, bytes: &mut Bytes<'_>) -> Result<f32> {
-        match self.number {
+        let mut number = || match self.number {
             Number::Float | Number::FloatAsHalf => bytes.f32(),
             Number::Half => bytes.f16(),
-        }
+        };
+        let Some(channel) = self.channel else {
+            return number();
+        };
+        let vector = [number()?, number()?, number()?];
+        Ok(vector[channel])
     }
 }
 
@@ -106,12 +121,13 @@ impl Leaf {
         self.mask[x.clone()].iter().any(|word| word & plane != 0)
     }
 
-    /// Unpacks the values of its voxels, x slowest, from the file that it is in; of voxels that are
-    /// not active they are 0.
+    /// Unpacks the values of its voxels, x slowest, from the file that it is in; those of voxels that
+    /// are not active are `inactive`.
     pub(super) fn unpack(
         &self,
         content: &[u8],
         encoding: Encoding,
+        inactive: f32,
         buffers: &mut Buffers,
         values: &mut [f32; LEAF_VOXELS],
     ) -> Result<()> {
@@ -132,10 +148,10 @@ impl Leaf {
             if stored.all || word == u64::MAX {
                 row.copy_from_slice(of_row);
                 let off = (0..64).filter(|bit| word >> bit & 1 == 0);
-                off.for_each(|bit| row[bit] = 0.0);
+                off.for_each(|bit| row[bit] = inactive);
                 continue;
             }
-            row.fill(0.0);
+            row.fill(inactive);
             let mut left = word;
             for value in of_row {
                 row[left.trailing_zeros() as usize] = *value;
@@ -462,11 +478,14 @@ impl<'a> Packed<'a> {
         };
         values.clear();
         memory::grow(VOLUME, values, self.size / encoding.size())?;
-        if encoding.size() == 2 {
-            let halves = data.as_chunks().0.iter();
+        let channel = encoding.channel.unwrap_or(0);
+        let step = encoding.size() / encoding.number_size();
+        if encoding.number_size() == 2 {
+            let halves = data.as_chunks().0.iter().skip(channel).step_by(step);
             values.extend(halves.map(|c| f16::from_le_bytes(*c).to_f32()));
         } else {
-            values.extend(data.as_chunks().0.iter().map(|c| f32::from_le_bytes(*c)));
+            let floats = data.as_chunks().0.iter().skip(channel).step_by(step);
+            values.extend(floats.map(|c| f32::from_le_bytes(*c)));
         }
         Ok(())
     }
