@@ -107,3 +107,55 @@ fn colors_become_albedos_on_the_voxels_of_the_density() {
         }
     }
 }
+
+#[test]
+fn a_scene_file_names_the_colors_or_is_told_of_them() {
+    let density = Spec::default();
+    let vectors = Spec {
+        kind: "Tree_vec3s_5_4_3".into(),
+        ..density.clone()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let content = file(&[("density", &density), ("Cd", &vectors)]);
+    std::fs::write(folder.path().join("smoke.vdb"), content).unwrap();
+    let load = |more: &str| {
+        let text = format!(
+            "[[camera]]\nposition = [0, 0, 9]\ntarget = [0, 0, 0]\n[[volume]]\nfile = \"smoke.vdb\"\n\
+             sigma_t_scale = 1\nalbedo = [0.2, 0.4, 0.1]\n{more}\n"
+        );
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, text).unwrap();
+        crate::scene::Scene::load(&path)
+    };
+    let told = |scene: &crate::scene::Scene, what: &str| {
+        let mut warnings = scene.warnings.iter();
+        warnings.any(|w| w.contains(what))
+    };
+    let plain = load("").unwrap();
+    assert!(plain.volumes[0].albedo_grid.is_none());
+    assert!(told(&plain, "grids are left out: `Cd`"));
+    let colored = load("albedo_grid = \"Cd\"").unwrap();
+    assert!(!told(&colored, "left out"), "{:?}", colored.warnings);
+    let volume = &colored.volumes[0];
+    let grid = volume.albedo_grid.as_ref().unwrap();
+    // Where a voxel has the density v, its colours are v times those of vectors.
+    let centre = glam::Vec3::new(1.5, 1.5, 1.5);
+    let v = volume.sigma_t.sample(centre);
+    let expected: [f32; 3] = std::array::from_fn(|c| v * VECTOR[c] * [0.2, 0.4, 0.1][c]);
+    let found = grid.at(centre).0;
+    assert!(
+        v > 0.0 && (0..3).all(|c| (found[c] - expected[c]).abs() < 1e-6),
+        "{found:?}"
+    );
+    assert!(colored.parts(None) != plain.parts(None));
+    for (more, says) in [
+        (
+            "albedo_grid = \"density\"",
+            "colours are read of Tree_vec3s_5_4_3 alone",
+        ),
+        ("albedo_grid = \"none\"", "there is no grid `none`"),
+    ] {
+        let error = load(more).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+}
