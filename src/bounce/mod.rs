@@ -102,7 +102,7 @@ pub fn run(
         .hint("bounce the tree that this one was made from"));
     }
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
-    check_colors(scene, settings)?;
+    check_scene(scene, settings)?;
     check_memory(scene, source, settings, job)?;
     (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
         let meta = meta(source, settings);
@@ -422,7 +422,10 @@ impl Lvoxels {
 }
 
 /// Refuses media of colour, whose light is solved for all channels alike.
-fn check_colors(scene: &Scene, settings: &Settings) -> Result<()> {
+///
+/// # Errors
+/// [`crate::Kind::Input`], with the name of such a volume.
+pub fn check_scene(scene: &Scene, settings: &Settings) -> Result<()> {
     let colored = scene.volumes.iter().find(|v| !v.is_grey());
     match colored {
         Some(volume) if settings.bounces != Bounces::Count(1) => Err(Error::input(format!(

@@ -118,6 +118,9 @@ impl Args {
         settings.bake.check()?;
         let scene = input.load(context)?;
         self.leave_out_bounces(&mut settings, &scene, context);
+        if let Some(bounce) = &settings.bounce {
+            bounce::check_scene(&scene, bounce)?;
+        }
         let others = options.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
         if self.planning.plan {

@@ -32,8 +32,8 @@ impl Found {
 }
 
 impl ColorFields {
-    /// The colours times an albedo, clamped to `[0,1]`, in the bricks of the extinction that a density
-    /// has become; what is clamped is told. Between their own voxels colours are trilinear.
+    /// The colours times an albedo, clamped to `[0,1]`, in the bricks of the extinction that a
+    /// density has become; what is clamped is told. Between their own voxels colours are trilinear.
     pub(super) fn albedos(
         &self,
         (density, sigma_t): (&Field, &Grid),
@@ -60,7 +60,8 @@ impl ColorFields {
         if let Some([low, high]) = all.extremes.filter(|_| all.clamped > 0) {
             let name = self.channels[0].name.as_deref().unwrap_or_default();
             files.warn(format!(
-                "{}: {} albedos of the grid `{name}` are clamped to 0 and 1: they are from {low} to {high}",
+                "{}: {} albedos of the grid `{name}` are clamped to 0 and 1: they are from {low} \
+                 to {high}",
                 path.display(),
                 all.clamped
             ));

@@ -47,7 +47,7 @@ fn means(n: u32, mut sample: impl FnMut(&mut Sampler) -> Rgb) -> [[f64; 2]; 3] {
 fn seen(scene: &Scene, max_depth: u32, origin: Vec3, direction: Vec3) -> [[f64; 2]; 3] {
     let paths = PathTracer::new(scene, max_depth, &Cancel::default()).unwrap();
     let direction = direction.normalize();
-    means(1 << 15, |sampler| {
+    means(1 << 17, |sampler| {
         paths.radiance(origin, direction, sampler)
     })
 }
@@ -105,7 +105,7 @@ fn a_colored_medium_is_three_grey_ones() {
         let ball = uneven(second, color).with_phase(phase);
         vec![medium(first, albedo, color), ball]
     };
-    for (first, second) in [(0.4, 1.0), (3.0, 15.0)] {
+    for (first, second) in [(0.4, 1.0), (1.0, 5.0)] {
         let colored = seen(&lit(media(COLOR, first, second)), 0, origin, direction);
         for c in 0..3 {
             let share = COLOR[c];
