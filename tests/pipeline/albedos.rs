@@ -17,8 +17,11 @@ use lvox::{bounce, pack};
 
 const DIMS: [usize; 3] = [24; 3];
 
+/// By channel, the albedo of a voxel.
+type ByVoxel = [fn([usize; 3]) -> f32; 3];
+
 /// A ball of smoke over a floor under a lamp, with an albedo that varies, or of one.
-fn scene(albedo: Result<[fn([usize; 3]) -> f32; 3], [f32; 3]>) -> Scene {
+fn scene(albedo: Result<ByVoxel, [f32; 3]>) -> Scene {
     let camera = CameraInput::look_at("front", [0.0, 0.9, 3.0], [0.0, 0.6, 0.0], DVec3::Y, 0.6);
     let corners = [
         [-2.0, 0.0, 2.0],
