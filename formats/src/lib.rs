@@ -30,7 +30,8 @@
 //!
 //! Which file does what:
 //!
-//! - `record`, `meta`, `summary`: what files hold, decoded; `parts`: what most hold not. `check`: what every record must be.
+//! - `record`, `meta`, `summary`: what files hold, decoded; `parts`: what few of them hold.
+//!   `check`: what every record must be.
 //! - `frame`: header and block table. `format`: what tells the kinds of file apart. `opened`,
 //!   `output`: the one reader and the one writer of the frame.
 //! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind. `media`: levels of

@@ -74,8 +74,8 @@ pub struct ScatterMeta {
     pub settings: Vec<(String, String)>,
 }
 
-/// Parts that most files have not go behind all else, also in a tree, which has the rest of the
-/// metadata of its cloud before its own.
+/// Parts that few files have come last, also in a tree, which has the rest of the metadata of its
+/// cloud before its own.
 impl CloudMeta {
     fn encode_whole<E: Encoder>(&self, encoder: &mut E) -> Result<(), EncodeError> {
         let scene = (self.scene_hash, &self.scene_name, self.world_from_scene);

@@ -1,4 +1,4 @@
-//! Parts of metadata that most files have not: each has a number and is there only where it says
+//! Parts of metadata that few files have: each has a number and is there only where it says
 //! something, behind all else.
 
 use crate::record::{ExtinctionColor, VolumeInfo};

@@ -45,6 +45,9 @@ impl Blocks {
     /// Bytes of each, and of the places around it that are empty.
     pub const BYTES: usize = size_of::<f32>() + size_of::<u8>() + 7 * size_of::<u32>();
 
+    /// Bytes of the albedo of each, where it varies.
+    pub const BYTES_OF_ALBEDO: u64 = size_of::<Light>() as u64;
+
     /// A volume without lvoxels.
     pub fn new(info: &VolumeInfo) -> Self {
         let [x, y, z, t] = info.index_from_scene.map(DVec3::from);

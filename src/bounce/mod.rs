@@ -210,10 +210,10 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
     let receiver = size_of::<Receiver>() + Sites::BYTES + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
     let has_lobes = scene.volumes.iter().any(|v| v.phase.moment(1) != 0.0);
-    let of_lvoxel = match has_lobes {
-        true => ScatteringVolume::BYTES_A_BLOCK + Lobes::BYTES_A_BLOCK,
-        false => ScatteringVolume::BYTES_A_BLOCK,
-    };
+    let varies = scene.volumes.iter().any(|v| v.albedo_grid.is_some());
+    let of_lvoxel = ScatteringVolume::BYTES_A_BLOCK
+        + if has_lobes { Lobes::BYTES_A_BLOCK } else { 0 }
+        + if varies { Blocks::BYTES_OF_ALBEDO } else { 0 };
     Budget::default()
         .with("the program and its threads", job.process_bytes)
         .with("the scene", scene.bytes())
@@ -429,7 +429,7 @@ pub fn check_scene(scene: &Scene, settings: &Settings) -> Result<()> {
     let colored = scene.volumes.iter().find(|v| !v.is_grey());
     match colored {
         Some(volume) if settings.bounces != Bounces::Count(1) => Err(Error::input(format!(
-            "the extinction of the volume `{}` differs by channel: its light is known for one bounce",
+            "the extinction of the volume `{}` differs by channel, and its light is known for one bounce",
             volume.name
         ))
         .hint("render with `--bounces 1`, or shade from the tree that `build` made")),

@@ -12,6 +12,7 @@
 mod bake;
 mod bake_options;
 mod bounce;
+mod bounces;
 mod build;
 mod compare;
 mod completions;

@@ -1,6 +1,7 @@
 //! `lvox render`
 
 use super::bake_options::BakeOptions;
+use super::bounces;
 use super::files::{Files, check_writable};
 use super::kept::KeptTree;
 use super::mix::add_up;
@@ -114,13 +115,10 @@ impl Args {
         {
             check_writable(path, self.overwrite(context))?;
         }
-        let mut settings = self.stages();
-        settings.bake.check()?;
+        let bake = self.bake.settings(self.seed.seed);
+        bake.check()?;
         let scene = input.load(context)?;
-        self.leave_out_bounces(&mut settings, &scene, context);
-        if let Some(bounce) = &settings.bounce {
-            bounce::check_scene(&scene, bounce)?;
-        }
+        let settings = self.stages(bake, &scene, job)?;
         let others = options.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
         if self.planning.plan {
@@ -164,37 +162,22 @@ impl Args {
         }
     }
 
-    /// Leaves out bounces that nobody asked for where media have colour, and tells of it.
-    fn leave_out_bounces(&self, settings: &mut Stages, scene: &Scene, context: &Context) {
-        let colored = scene.volumes.iter().find(|v| !v.is_grey());
-        if let Some(volume) =
-            colored.filter(|_| self.bounces.is_none() && settings.bounce.is_some())
-        {
-            settings.bounce = None;
-            context.job.progress.warn(&format!(
-                "bounces but the first are left out: the extinction of the volume `{}` differs by channel",
-                volume.name
-            ));
-        }
-    }
-
     /// Settings of the stages before the last one.
-    fn stages(&self) -> Stages {
-        let bounces = self
-            .bounces
-            .unwrap_or(match self.shade.settings.lights_media() {
-                true => Bounces::All,
-                false => Bounces::Count(1),
-            });
-        Stages {
-            bake: self.bake.settings(self.seed.seed),
+    fn stages(&self, bake: bake::Settings, scene: &Scene, job: &Job) -> Result<Stages> {
+        let usual = match self.shade.settings.lights_media() {
+            true => Bounces::All,
+            false => Bounces::Count(1),
+        };
+        let bounces = bounces::of_scene(self.bounces, usual, scene, job)?;
+        Ok(Stages {
+            bake,
             build: build::Settings::default(),
             bounce: (bounces != Bounces::Count(1)).then(|| bounce::Settings {
                 bounces,
                 seed: self.seed.seed,
                 ..bounce::Settings::default()
             }),
-        }
+        })
     }
 
     /// The tree that is wanted: that of the frame before, one that is kept from an earlier run, or a

@@ -200,6 +200,7 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
 
     fn add(&mut self, ends: [glam::Vec3; 2], tau: f32) {
         self.source = self.light.source(0, ends, tau, &mut self.memo);
+        self.lit += 1;
         self.pass(tau);
     }
 
@@ -207,6 +208,5 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
     fn pass(&mut self, tau: f32) {
         let tau = G::Share::tinted(tau, &self.color);
         self.passed.medium(tau, self.source);
-        self.lit += 1;
     }
 }

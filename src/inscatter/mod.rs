@@ -45,7 +45,7 @@ pub use counts::MediaCounts;
 pub use gatherer::GatherInMedia;
 pub use march::Marched;
 pub use memory::bytes_for;
-pub use scattered::check_volumes;
+pub use scattered::{check_colors, check_volumes};
 pub use source::{InScatter, MediaLights, VolumeLight};
 pub use sparse::SparseValues;
 

@@ -214,6 +214,20 @@ pub fn check_volumes(found: &[VolumeInfo], scene: &Scene) -> Result<()> {
     )))
 }
 
+/// Refuses a tree of grey media for a scene whose media have colour: kernels are chosen by the tree.
+///
+/// # Errors
+/// Says so.
+pub fn check_colors(found: &[VolumeInfo], scene: &Scene) -> Result<()> {
+    match scene.volumes.iter().all(Volume::is_grey) || !found.iter().all(VolumeInfo::is_grey) {
+        true => Ok(()),
+        false => Err(Error::input(
+            "expected a tree of media whose extinction differs by channel, found one of grey media",
+        )
+        .hint("bake the scene and build its tree again")),
+    }
+}
+
 /// Whether a volume is a grid of as many voxels in the same place, but for the rounding of a scene
 /// whose frame was another.
 fn is_grid_of(info: &VolumeInfo, volume: &Volume) -> bool {

@@ -546,3 +546,17 @@ fn lighting_all_is_refused_or_stops_before_it_takes_more_than_it_may() {
     stopped.cancel.request();
     assert!(light_all(&around, &stopped).is_err());
 }
+
+#[test]
+fn what_is_passed_unseen_is_not_lit() {
+    let around = Shell::at(f32::INFINITY);
+    with(&haze(3.0), &around, NoMedia, |view, lights, gatherer| {
+        let regions = [Region::full(1, 1)];
+        let job = Job::default();
+        let in_scatter = in_scatter(view, &regions, lights, gatherer, &job).unwrap();
+        let ray = Ray::endless(Vec3::ZERO, -Vec3::Z);
+        let (passed, took) = in_scatter.march_counted(&ray);
+        assert!(passed.transmittance < 1e-15, "{took:?}");
+        assert!(took.segments >= 1 && took.segments < took.cells, "{took:?}");
+    });
+}

@@ -95,8 +95,13 @@ impl<'a> KeptLight<'a> {
             let most = Self::cells(volume.sigma_t.stored_bricks());
             Levels::cells(volume, Self::share(scene, most))
         };
+        let channels = if scene.volumes.iter().all(Volume::is_grey) {
+            1
+        } else {
+            3
+        };
         let cells: usize = scene.volumes.iter().map(cells).sum();
-        (cells * (CELL + suns * RAYS + sky * (RAYS + SHARES))) as u64
+        (cells * (CELL + suns * RAYS + sky * (RAYS + channels * SHARES))) as u64
     }
 
     /// What is known of a sun, by the light's index.
@@ -111,8 +116,7 @@ impl<'a> KeptLight<'a> {
 
     /// Mean over the sphere of the light of a sky that is kept; none of one that is not.
     pub(super) fn sky_at<S: Shadows>(&self, lights: &Lights<S>, point: Vec3) -> Rgb {
-        let share = self.sky.as_ref().map_or(0.0, |sky| sky.share(point));
-        lights.even_environment() * share
+        (self.sky.as_ref()).map_or(Rgb::BLACK, |sky| sky.of(lights.even_environment(), point))
     }
 
     fn cells(bricks: usize) -> usize {
@@ -132,9 +136,6 @@ impl<'a> KeptLight<'a> {
         let [volume] = &scene.volumes[..] else {
             return false;
         };
-        if !volume.is_grey() {
-            return false;
-        }
         // A sky that is kept travels all ways alike, which half a sky does not.
         let is_worth_it = || volume.sigma_t.stored_bricks() >= LARGE && volume.phase.is_isotropic();
         scene.environment().0 != Rgb::BLACK.0
@@ -182,7 +183,7 @@ impl<S: Shadows> Lights<'_, S> {
     ) -> (Rgb, Vec3) {
         let (light, way) = self.directed_through(point, rays, Some(&kept.suns));
         let (sky, sky_way) = match &kept.sky {
-            Some(sky) => (self.even_environment() * sky.share(point), Vec3::ZERO),
+            Some(sky) => (sky.of(self.even_environment(), point), Vec3::ZERO),
             None => self.directed_environment(point, all_round),
         };
         (light + sky, way + sky_way)
@@ -197,8 +198,11 @@ struct Sky {
     per_voxel: f32,
     /// Cells along x, y and z.
     dims: [usize; 3],
-    /// At the corners of cells, x fastest.
-    shares: Vec<f32>,
+    /// At the corners of cells, x fastest: of all channels, or of red, green and blue one after the
+    /// other in a medium of colour.
+    shares: Vec<Vec<f32>>,
+    /// Which of them is of the channel that is stopped most.
+    most: usize,
 }
 
 impl Sky {
@@ -225,7 +229,13 @@ impl Sky {
         let dims = coarse.dims;
         let corners = dims.map(|n| n + 1);
         let lattices: Vec<_> = directions.iter().map(|d| lattice(coarse, *d)).collect();
-        let mut shares = vec![0.0; corners.iter().product()];
+        let color = coarse.volume.extinction_color;
+        let colors = match coarse.volume.is_grey() {
+            true => &color[..1],
+            false => &color[..],
+        };
+        let none = || vec![0.0; corners.iter().product()];
+        let mut shares: Vec<Vec<f32>> = colors.iter().map(|_| none()).collect();
         let mut kept: Option<KeptRays> = None;
         for main in 0..3 {
             let axes = [main, (main + 1) % 3, (main + 2) % 3];
@@ -235,44 +245,66 @@ impl Sky {
                 continue;
             }
             let layers = coarse.layers(axes);
-            let mut sums = vec![0.0; shares.len()];
+            let mut sums: Vec<Vec<f32>> = colors.iter().map(|_| none()).collect();
             for (direction, lattice) in of_axis {
                 let rays = match kept.take() {
                     None => KeptRays::new(coarse, &layers, *lattice),
                     Some(last) => KeptRays::again(last, coarse, &layers, *lattice),
                 };
                 let across = [dims[axes[1]], dims[axes[2]]];
-                match open {
-                    None => rays.add_to_corners(across, &mut sums, |_| 1.0),
-                    Some(open) => rays.add_to_corners(across, &mut sums, |[plane, y, x]| {
-                        let mut corner = [0.0; 3];
-                        for (axis, at) in axes.into_iter().zip([plane, x, y]) {
-                            corner[axis] = at as f32 * coarse.edge;
-                        }
-                        open.share(direction, corner)
-                    }),
+                for (&color, sums) in colors.iter().zip(&mut sums) {
+                    match open {
+                        None => rays.add_to_corners(across, color, sums, |_| 1.0),
+                        Some(open) => rays.add_to_corners(across, color, sums, |[plane, y, x]| {
+                            let mut corner = [0.0; 3];
+                            for (axis, at) in axes.into_iter().zip([plane, x, y]) {
+                                corner[axis] = at as f32 * coarse.edge;
+                            }
+                            open.share(direction, corner)
+                        }),
+                    }
                 }
                 kept = Some(rays);
             }
             let [_, width, height] = axes.map(|a| corners[a]);
-            shares.par_iter_mut().enumerate().for_each(|(i, share)| {
-                let at = unflatten(i, corners);
-                let [plane, x, y] = axes.map(|a| at[a]);
-                *share += sums[(plane * height + y) * width + x];
-            });
+            for (shares, sums) in shares.iter_mut().zip(&sums) {
+                shares.par_iter_mut().enumerate().for_each(|(i, share)| {
+                    let at = unflatten(i, corners);
+                    let [plane, x, y] = axes.map(|a| at[a]);
+                    *share += sums[(plane * height + y) * width + x];
+                });
+            }
         }
         let per_direction = 1.0 / directions.len() as f32;
-        shares.par_iter_mut().for_each(|s| *s *= per_direction);
+        for shares in &mut shares {
+            shares.par_iter_mut().for_each(|s| *s *= per_direction);
+        }
         Self {
             index_from_scene: coarse.volume.index_from_scene,
             per_voxel: 1.0 / coarse.edge,
             dims,
             shares,
+            most: colors.iter().position(|c| *c == 1.0).unwrap_or(0),
         }
     }
 
-    /// The share that gets to a point of the scene in the volume.
+    /// What gets of the light of a sky to a point of the scene in the volume.
+    fn of(&self, light: Rgb, point: Vec3) -> Rgb {
+        match &self.shares[..] {
+            [red, green, blue] => {
+                light * Rgb([red, green, blue].map(|shares| self.between(shares, point)))
+            }
+            _ => light * self.share(point),
+        }
+    }
+
+    /// The share of the channel that is stopped most which gets to a point.
     fn share(&self, point: Vec3) -> f32 {
+        self.between(&self.shares[self.most], point)
+    }
+
+    /// A value between those at the corners of cells.
+    fn between(&self, shares: &[f32], point: Vec3) -> f32 {
         let p = self.index_from_scene.transform_point3(point) * self.per_voxel;
         let p = p.clamp(Vec3::ZERO, Vec3::from(self.dims.map(|n| n as f32)));
         let at = p.to_array();
@@ -282,7 +314,7 @@ impl Sky {
         let [width, height] = [self.dims[0] + 1, self.dims[1] + 1];
         let row = |y: usize, z: usize| {
             let first = ((cell[2] + z) * height + cell[1] + y) * width + cell[0];
-            self.shares[first] * (1.0 - f[0]) + self.shares[first + 1] * f[0]
+            shares[first] * (1.0 - f[0]) + shares[first + 1] * f[0]
         };
         let face = |z: usize| row(0, z) * (1.0 - f[1]) + row(1, z) * f[1];
         face(0) * (1.0 - f[2]) + face(1) * f[2]
@@ -390,6 +422,37 @@ mod tests {
             squares.sqrt(),
             bias / sum
         );
+    }
+
+    #[test]
+    fn a_kept_sky_behind_a_medium_of_colour_is_that_of_grey_ones() {
+        const COLOR: [f32; 3] = [0.2, 1.0, 0.5];
+        let direction = [0.0, -1.0, 0.0];
+        let mut scene = scene([64; 3], cloud(20.0), direction, None);
+        let grey = scene.volumes.remove(0);
+        let place = grey.scene_from_index;
+        scene.volumes.push(grey.with_extinction_color(COLOR));
+        let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
+        let sky = kept.sky.unwrap();
+        let many: Vec<_> = (0..300)
+            .map(|i| sampling::sphere(sampling::r2(i, [0.3; 2])))
+            .collect();
+        for (c, share) in COLOR.into_iter().enumerate() {
+            let of = cloud(20.0);
+            let scale = scene.volumes[0].sigma_t.max() / Grid::from_fn([64; 3], &of).max();
+            let grid = Grid::from_fn([64; 3], |v| share * scale * of(v));
+            let grey = Volume::new("grey".into(), grid, [0.9; 3], place);
+            let exact = Checks::new(&grey, 300, &many).0;
+            let (mut squares, mut bias, mut sum) = (0.0, 0.0, 0.0);
+            for &(point, share) in &exact {
+                let difference = sky.of(Rgb::splat(1.0), point).0[c] - share;
+                squares += difference * difference / exact.len() as f32;
+                bias += difference;
+                sum += share;
+            }
+            let (rms, bias) = (squares.sqrt(), bias / sum);
+            assert!(rms < 0.012 && bias.abs() < 0.006, "{c}: {rms} {bias}");
+        }
     }
 
     #[test]

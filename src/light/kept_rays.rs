@@ -117,12 +117,14 @@ impl KeptRays {
         self.depths[(j as usize * (self.layers + 1) + plane) * width + i as usize]
     }
 
-    /// Adds what comes through to the corners of the volume's cells: plane after plane, in rows
-    /// along the second axis of the lattice, each times a weight of its plane, row and place in that.
-    /// `across` is how many cells there are along both axes.
+    /// Adds what comes through, of a channel whose extinction is `color` times that of the volume, to
+    /// the corners of the volume's cells: plane after plane, in rows along the second axis of the
+    /// lattice, each times a weight of its plane, row and place in that. `across` is how many cells
+    /// there are along both axes.
     pub fn add_to_corners(
         &self,
         across: [usize; 2],
+        color: f32,
         sums: &mut [f32],
         weight: impl Fn([usize; 3]) -> f32 + Sync,
     ) {
@@ -144,7 +146,7 @@ impl KeptRays {
             for j in j..=j + height {
                 let first = (j * (self.layers + 1) + plane) * all + i;
                 let depths = &self.depths[first..=first + width];
-                rays.extend(depths);
+                rays.extend(depths.iter().map(|depth| depth * color));
             }
             exp_neg_in_place(rays);
             let rows = sums.chunks_exact_mut(width).enumerate();

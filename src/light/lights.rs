@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// All lights of a scene, and what shadow rays to them pass. An environment counts only where it is
 /// asked for by name, but for the excess of an image: gathering takes care of it.
 #[derive(Clone, Debug)]
-pub struct Lights<'a, S = SceneMedia<'a, f32>> {
+pub struct Lights<'a, S = SceneMedia<'a>> {
     pub(super) tracer: &'a Tracer<'a>,
     shadows: S,
     /// Lights of the scene that are no triangles.

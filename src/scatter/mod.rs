@@ -70,6 +70,7 @@ pub fn run(
     inscatter::check_volumes(of_tree, scene)
         .map_err(|e| e.hint("bake the scene and build its tree again"))?;
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
+    inscatter::check_colors(of_tree, scene)?;
     check_memory(scene, job)?;
     job.report
         .watched_stage("scatter", tree.fitter(job), |counts| {

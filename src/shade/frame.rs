@@ -7,17 +7,17 @@ use super::pixels::{
 };
 use super::settings::{Kernel, Method, Settings};
 use super::surfaces::{BrightPatchLights, GatherAtSurfaces, KeptGathers, Lattice, SurfaceGatherer};
+use crate::Result;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, PatchStats, TreeTask};
 use crate::image::{Onlooker, Region};
 use crate::inscatter::{self, InScatter, MediaCounts, MediaLights};
 use crate::light::{Lights, SceneMedia, SoftShadowMedia, Vacuum};
 use crate::math::{Environment, Rgb};
 use crate::run::Job;
-use crate::scene::{Scene, Volume};
+use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::tree::{OpenTree, Pages};
 use crate::view::{self, View, VisibleMedia};
-use crate::{Error, Result};
 use rayon::prelude::*;
 
 /// What is wanted of a frame.
@@ -100,7 +100,7 @@ pub fn with_frame<W: FrameWork>(
     let budget = memory::check(scene, settings, held, quantities, least, job)?;
     job.hold(&budget.with("the tree", least));
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
-    check_colors(scene, tree)?;
+    inscatter::check_colors(&tree.tree().meta().cloud.volumes, scene)?;
     let task = FrameTask { request, work };
     let done = match settings.method {
         Method::Extended => gather::with_tree(tree, task),
@@ -108,17 +108,6 @@ pub fn with_frame<W: FrameWork>(
     };
     scene.check_file()?;
     done
-}
-
-/// Refuses a tree of grey media for a scene whose media have colour: kernels are chosen by the tree.
-fn check_colors(scene: &Scene, tree: &OpenTree) -> Result<()> {
-    if scene.volumes.iter().all(Volume::is_grey) || tree.media.are_colored() {
-        return Ok(());
-    }
-    Err(Error::input(
-        "expected a tree of media whose extinction differs by channel, found one of grey media",
-    )
-    .hint("bake the scene and build its tree again"))
 }
 
 /// Work for a request, compiled for each kind of pages and media.

@@ -2,11 +2,9 @@
 //! where it does, and the same in a packed scene.
 
 use crate::support::trees;
-use crate::{Work, beauty, mean, relative_rms, shade};
+use crate::{Work, beauty, mean, relative_rms, shade, traced};
 use glam::{DAffine3, DVec3};
 use lvox::formats::Overwrite;
-use lvox::image::Region;
-use lvox::internals::reference;
 use lvox::run::Job;
 use lvox::scene::{
     CameraInput, Film, Grid, LightInput, MeshInput, Scene, SceneBuilder, VolumeInput,
@@ -14,6 +12,7 @@ use lvox::scene::{
 use lvox::shade::Settings;
 use lvox::tree::OpenTree;
 use lvox::{bounce, pack};
+use std::path::Path;
 
 const DIMS: [usize; 3] = [24; 3];
 
@@ -69,17 +68,13 @@ fn halves() -> Scene {
     scene(Ok([left_half, |_| 0.3, right_half]))
 }
 
-fn traced(scene: &Scene, max_depth: u32, spp: u32) -> Vec<[f32; 3]> {
-    let settings = reference::Settings {
-        max_depth,
-        spp: Some(spp),
-        ..reference::Settings::default()
-    };
-    let region = Region::full(scene.film.width, scene.film.height);
-    let job = Job::default();
-    let mut sums = reference::begin(scene, &settings, region, &job).unwrap();
-    reference::accumulate(scene, &settings, &mut sums, &job, &mut |_| Ok(())).unwrap();
-    beauty(&reference::frame(scene, &sums))
+/// The picture of all bounces, from the tree of one.
+fn bounced(scene: &Scene, work: &Work, tree: &Path) -> Vec<[f32; 3]> {
+    let all = work.path("all.lvt");
+    let store = OpenTree::open(tree, None).unwrap();
+    let (settings, job) = (bounce::Settings::default(), Job::default());
+    bounce::run(scene, &store, &all, &settings, Overwrite::Refuse, &job).unwrap();
+    beauty(&shade(scene, &all, &Settings::default()))
 }
 
 /// The mean of a channel over the left or the right of the smoke.
@@ -118,22 +113,8 @@ fn smoke_of_two_colors_agrees_with_the_path_tracer() {
     let expected = traced(&scene, 3, 512);
     assert!(half(&expected, 0, false) > 1.5 * half(&expected, 0, true));
     assert_close(&once, &expected);
-    // Every bounce.
-    let all = work.path("all.lvt");
-    let store = OpenTree::open(&tree, None).unwrap();
-    let settings = bounce::Settings::default();
-    bounce::run(
-        &scene,
-        &store,
-        &all,
-        &settings,
-        Overwrite::Refuse,
-        &Job::default(),
-    )
-    .unwrap();
-    let bounced = beauty(&shade(&scene, &all, &Settings::default()));
     let expected = traced(&scene, 0, 1024);
-    assert_close(&bounced, &expected);
+    assert_close(&bounced(&scene, &work, &tree), &expected);
 }
 
 #[test]
@@ -144,19 +125,7 @@ fn a_grid_of_one_albedo_is_that_albedo() {
     let picture = |scene: &Scene| {
         let work = Work::new("");
         let tree = work.bake(scene, 5_000);
-        let all = work.path("all.lvt");
-        let store = OpenTree::open(&tree, None).unwrap();
-        let settings = bounce::Settings::default();
-        bounce::run(
-            scene,
-            &store,
-            &all,
-            &settings,
-            Overwrite::Refuse,
-            &Job::default(),
-        )
-        .unwrap();
-        beauty(&shade(scene, &all, &Settings::default()))
+        bounced(scene, &work, &tree)
     };
     let difference = relative_rms(&picture(&grid), &picture(&plain));
     assert!(difference < 1e-3, "{difference}");

@@ -52,4 +52,11 @@ fn bounces_that_are_left_out_are_told_and_asked_for_refused() {
     assert!(told.stderr.contains(warning), "{}", told.stderr);
     run("render scene.toml --surfels 2000 --bounces all -o more.exr")
         .refused(2, &["differs by channel", "--bounces 1"]);
+    // A job on a farm has no task that would fail.
+    let farm = |more: &str| run(&format!("farm commands scene.toml -o image.exr{more}"));
+    let told = farm("");
+    assert_eq!(told.code, 0, "{}", told.stderr);
+    assert!(told.stderr.contains(warning), "{}", told.stderr);
+    assert!(told.stdout.contains("lvox build") && !told.stdout.contains("lvox bounce"));
+    farm(" --bounces all").refused(2, &["differs by channel", "--bounces 1"]);
 }

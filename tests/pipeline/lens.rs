@@ -1,10 +1,9 @@
 //! Cameras with a lens or an open shutter: circles of confusion in closed form, the light that the
 //! path tracer has, and the same picture in tiles.
 
-use crate::{Work, beauty, mean, relative_rms, shade, with_threads};
+use crate::{Work, beauty, mean, relative_rms, shade, traced, with_threads};
 use glam::{DAffine3, DVec3};
 use lvox::image::Region;
-use lvox::internals::reference;
 use lvox::run::Job;
 use lvox::scene::{
     CameraInput, CameraKey, Film, Grid, LightInput, MeshInput, Scene, SceneBuilder, VolumeInput,
@@ -25,20 +24,6 @@ fn film(width: u32, height: u32) -> Film {
         height,
         exposure: 1.0,
     }
-}
-
-/// What the path tracer makes of a scene.
-fn traced(scene: &Scene, spp: u32) -> Vec<[f32; 3]> {
-    let settings = reference::Settings {
-        max_depth: 3,
-        spp: Some(spp),
-        ..reference::Settings::default()
-    };
-    let region = Region::full(scene.film.width, scene.film.height);
-    let job = Job::default();
-    let mut sums = reference::begin(scene, &settings, region, &job).unwrap();
-    reference::accumulate(scene, &settings, &mut sums, &job, &mut |_| Ok(())).unwrap();
-    beauty(&reference::frame(scene, &sums))
 }
 
 /// A disk that shines at the camera, `distance` away and `radius` wide, before nothing.
@@ -76,7 +61,7 @@ fn a_small_disk_out_of_focus_is_spread_over_its_circle_of_confusion() {
         let seen = radius / distance * scale;
         let even = 50.0 * (seen / confusion).powi(2);
         let found = beauty(&shade(&scene, &tree, &Settings::default()));
-        for (what, picture) in [("shade", &found), ("reference", &traced(&scene, 2048))] {
+        for (what, picture) in [("shade", &found), ("reference", &traced(&scene, 3, 2048))] {
             let (mut light, mut most) = (0.0, 0.0_f64);
             let (mut inside, mut count) = (0.0, 0);
             for (i, pixel) in picture.iter().enumerate() {
@@ -183,7 +168,7 @@ fn lenses_and_shutters_agree_with_the_path_tracer() {
         let work = Work::new("");
         let tree = work.bake(&scene, 20_000);
         let found = beauty(&shade(&scene, &tree, &Settings::default()));
-        let expected = traced(&scene, 256);
+        let expected = traced(&scene, 3, 256);
         let bias = mean(&found) / mean(&expected) - 1.0;
         assert!(bias.abs() < 0.004, "{name}: {bias}");
         let rms = relative_rms(&found, &expected);

@@ -46,6 +46,7 @@ mod unseen;
 mod views;
 
 use lvox::image::{Frame, Region};
+use lvox::internals::reference;
 use lvox::run::Job;
 use lvox::scene::Scene;
 use lvox::shade::{self, Aov, Settings};
@@ -212,6 +213,20 @@ fn layer(frame: &Frame, name: &str) -> Vec<[f32; 3]> {
 /// The picture.
 fn beauty(frame: &Frame) -> Vec<[f32; 3]> {
     layer(frame, "")
+}
+
+/// What the path tracer makes of a scene with paths of so many segments at most, 0 for any.
+fn traced(scene: &Scene, max_depth: u32, spp: u32) -> Vec<[f32; 3]> {
+    let settings = reference::Settings {
+        max_depth,
+        spp: Some(spp),
+        ..reference::Settings::default()
+    };
+    let region = Region::full(scene.film.width, scene.film.height);
+    let job = Job::default();
+    let mut sums = reference::begin(scene, &settings, region, &job).unwrap();
+    reference::accumulate(scene, &settings, &mut sums, &job, &mut |_| Ok(())).unwrap();
+    beauty(&reference::frame(scene, &sums))
 }
 
 /// Mean over all pixels and channels.

@@ -1,8 +1,6 @@
 //! The volumes of a scene file.
 
 use super::named;
-use crate::scene::AlbedoGrid;
-use crate::scene::PhaseFunction;
 use crate::scene::builder::{VolumeInput, is_singular};
 use crate::scene::load::field::Field;
 use crate::scene::load::files::{Files, beside, extension};
@@ -12,6 +10,7 @@ use crate::scene::load::table::{Item, Table};
 use crate::scene::load::transfer::Transfer;
 use crate::scene::load::vdb::ColorFields;
 use crate::scene::load::{FIELD_FILES, builtin, depth, raw, read_field, transform, vdb};
+use crate::scene::{AlbedoGrid, PhaseFunction};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;

@@ -1,6 +1,6 @@
 //! OpenVDB fog volumes: float and half grids of the usual tree (5-4-3), floats also stored as half,
-//! and grids of colours beside them (vec3s); in file versions 220 to 225; plain, zip or Blosc, with or without the inactive values; placed by
-//! any affine map.
+//! and grids of colours beside them (vec3s); in file versions 220 to 225; plain, zip or Blosc, with
+//! or without the inactive values; placed by any affine map.
 //!
 //! - `bytes`: numbers off the front of a slice; `blosc`: unpacks compressed values
 //! - `tree`: the tree of a grid; `table`: its voxels by boxes; here: the list of grids, and from a
