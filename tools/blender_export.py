@@ -11,7 +11,8 @@ Taken are: meshes with their modifiers and the colours, textures and emission th
 nodes, too); all cameras, the scene's first, and their depth of field; sun, point, spot and area lights in Blender's units (watts; area lights
 become quads or disks that emit, points with a radius balls); a world of one colour or an image, turned about z by a
 Mapping node; what Ray Visibility keeps from the camera, and transparent film; light groups of lamps, objects that
-emit and the world; volume objects (.vdb) with Principled Volume, and what that emits of a grid, or Volume Scatter.
+emit and the world; volume objects (.vdb), and meshes that are boxes, filled with Principled Volume, Volume Scatter,
+Volume Absorption, Volume Coefficients, sums of these, and what they emit of a grid.
 What is left out is told on stderr.
 """
 import argparse
@@ -28,6 +29,8 @@ from mathutils import Matrix, Vector
 
 # Inside Blender the folder of a script is not searched.
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import blender_media  # noqa: E402
+from blender_media import feed, output, rows  # noqa: E402
 from scene_text import frames_of, table, text, warn  # noqa: E402
 
 # Blender is z-up, glTF and lvox are y-up.
@@ -36,10 +39,6 @@ Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 FACING_DOWN = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 DISK = "disk.ply"
 BALL = "ball.ply"
-
-
-def rows(matrix):
-    return [[matrix[i][j] for j in range(4)] for i in range(3)] + [[0, 0, 0, 1]]
 
 
 def vector(v):
@@ -55,20 +54,10 @@ def unscaled(matrix):
 # ---------------------------------------------------------------------------------------------------- materials
 
 
-def source(socket, default=None):
+def source(socket):
     """The node that a socket is fed from, if any, through reroutes."""
-    while socket.is_linked:
-        node = socket.links[0].from_node
-        if node.type != "REROUTE":
-            return node
-        socket = node.inputs[0]
-    return default
-
-
-def output(tree, kind="OUTPUT_MATERIAL"):
-    nodes = [node for node in tree.nodes if node.type == kind]
-    active = [node for node in nodes if node.is_active_output]
-    return (active or nodes or [None])[0]
+    fed = feed(socket)
+    return fed.node if fed else None
 
 
 def prepare_materials():
@@ -231,6 +220,8 @@ def sky(scene, folder):
         return none
     tree = scene.world.node_tree
     out = output(tree, "OUTPUT_WORLD") if tree else None
+    if out and out.inputs["Volume"].is_linked:
+        warn("the volume of the world is left out")
     node = source(out.inputs["Surface"]) if out else None
     if node is None:
         return none
@@ -284,97 +275,6 @@ def sky_file(image, folder):
     copy.save()
     bpy.data.images.remove(copy)
     return "sky.exr"
-
-
-# ------------------------------------------------------------------------------------------------------ volumes
-
-
-def volume(obj, folder):
-    data = obj.data
-    data.grids.load()
-    path = bpy.path.abspath(data.grids.frame_filepath or data.filepath)
-    if not os.path.exists(path):
-        warn(f"volume {obj.name}: {path} is not there: it is left out")
-        return ""
-    slots = [slot.material for slot in obj.material_slots if slot.material]
-    medium = medium_of(slots[0]) if slots else (1.0, [0.5] * 3, 0.0, "density", None)
-    if medium is None:
-        return ""
-    density, albedo, g, grid, emission = medium
-    # A volume that is larger is as opaque, unless it is said to be in the world.
-    if data.render.space == "OBJECT":
-        size = abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3)
-        density /= size
-        if emission:
-            emission["scale"] /= size
-    name = os.path.basename(path)
-    target = os.path.join(folder, name)
-    if os.path.abspath(target) != os.path.abspath(path):
-        shutil.copyfile(path, target)
-    keys = {"file": name, "name": obj.name, "grid": grid, "sigma_t_scale": density, "albedo": albedo}
-    if g:
-        keys["g"] = max(-0.99, min(0.99, g))
-    if emission:
-        keys["emission"] = emission
-    keys["transform"] = rows(Y_UP @ obj.matrix_world)
-    return table("[[volume]]", keys)
-
-
-def medium_of(material):
-    """Density, albedo, anisotropy, grid and emission of a material."""
-    out = output(material.node_tree) if material.node_tree else None
-    node = source(out.inputs["Volume"]) if out else None
-    if node is None or node.type not in ("PRINCIPLED_VOLUME", "VOLUME_SCATTER"):
-        warn(f"material {material.name}: its volume is neither Principled nor Scatter: it is left out")
-        return None
-    color = [min(max(c, 0.0), 1.0) for c in node.inputs["Color"].default_value[:3]]
-    density, grid, emission = node.inputs["Density"].default_value, "density", None
-    g = node.inputs["Anisotropy"].default_value
-    if node.type == "PRINCIPLED_VOLUME":
-        grid = node.inputs["Density Attribute"].default_value or "density"
-        emission = emission_of(material, node)
-        absorbed = node.inputs["Absorption Color"].default_value[:3]
-        if max(absorbed) > 0:
-            warn(f"material {material.name}: the colour of its absorption is left out")
-    fed = attribute_of(node.inputs["Density"])
-    if fed is not None:
-        grid, density = fed
-    elif source(node.inputs["Density"]) is not None:
-        warn(f"material {material.name}: the nodes of its density are left out")
-    return density, color, g, grid, emission
-
-
-def attribute_of(socket):
-    """The grid that feeds a socket, and the number that it is multiplied by."""
-    feed = source(socket)
-    if feed is not None and feed.type == "ATTRIBUTE":
-        return feed.attribute_name, 1.0
-    if feed is not None and feed.type == "MATH" and feed.operation == "MULTIPLY":
-        kinds = [source(socket) for socket in feed.inputs[:2]]
-        at = [i for i, kind in enumerate(kinds) if kind is not None and kind.type == "ATTRIBUTE"]
-        if len(at) == 1 and kinds[1 - at[0]] is None:
-            return kinds[at[0]].attribute_name, feed.inputs[1 - at[0]].default_value
-    return None
-
-
-def emission_of(material, node):
-    """What a Principled Volume sends out: that of a black body, or of a grid that its strength comes from."""
-    inputs = node.inputs
-    if inputs["Blackbody Intensity"].default_value > 0:
-        if list(inputs["Blackbody Tint"].default_value[:3]) != [1.0] * 3:
-            warn(f"material {material.name}: the tint of its black body is left out")
-        return {
-            "grid": inputs["Temperature Attribute"].default_value or "temperature",
-            "kelvin": inputs["Temperature"].default_value,
-            "scale": inputs["Blackbody Intensity"].default_value,
-        }
-    fed = attribute_of(inputs["Emission Strength"])
-    if fed is not None:
-        color = list(inputs["Emission Color"].default_value[:3])
-        return {"grid": fed[0], "scale": fed[1], "color": color}
-    if inputs["Emission Strength"].default_value > 0 or source(inputs["Emission Strength"]) is not None:
-        warn(f"material {material.name}: an emission that no grid feeds is left out")
-    return None
 
 
 # -------------------------------------------------------------------------------------------------------- scene
@@ -452,16 +352,21 @@ def export(folder, name, known):
     cameras.sort(key=lambda obj: (obj != scene.camera, obj.name))
     out += "".join(camera(scene, obj) for obj in cameras)
     solid = [obj for obj in objects if obj.type in ("MESH", "CURVE", "SURFACE", "META", "FONT")]
+    filled = {obj: blender_media.filling(obj) for obj in solid}
+    filled = {obj: material for obj, material in filled.items() if material}
+    solid = [obj for obj in solid if obj not in filled]
     for part in sorted({mesh_part(obj) for obj in solid}):
         group, is_unseen = part
         file = name + (f".{group}" if group else "") + (".unseen" if is_unseen else "") + ".glb"
-        others = [obj for obj in solid if mesh_part(obj) != part]
+        others = [obj for obj in solid if mesh_part(obj) != part] + list(filled)
         keys = {"file": meshes(folder, file, known, others)}
         keys |= {"visible": False} if is_unseen else {}
         out += table("[[mesh]]", keys | ({"group": group} if group else {}))
     out += world(scene, folder)
     out += "".join(light(obj, folder) for obj in objects if obj.type == "LIGHT")
-    out += "".join(volume(obj, folder) for obj in objects if obj.type == "VOLUME")
+    place = lambda obj: Y_UP @ obj.matrix_world  # noqa: E731
+    out += "".join(blender_media.volume(obj, folder, place(obj)) for obj in objects if obj.type == "VOLUME")
+    out += "".join(blender_media.box(obj, material, folder, place(obj)) for obj, material in filled.items())
     with open(os.path.join(folder, name + ".toml"), "w") as file:
         file.write(out)
 
