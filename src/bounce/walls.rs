@@ -123,7 +123,10 @@ impl Walls<'_> {
             direction,
             t_max,
         } = ray;
-        if let Some(ahead) = self.seen(&Ray::endless(origin, -direction)) {
+        // From a little within: a box of a volume may stand right on a surface.
+        let inside = 16.0 * offset(origin).max(offset(ray.at(t_max)));
+        let start = origin + direction * inside;
+        if let Some(ahead) = self.seen(&Ray::endless(start, -direction)) {
             walls.push(Wall {
                 t: f32::NEG_INFINITY,
                 before: 0,
@@ -149,7 +152,7 @@ impl Walls<'_> {
             });
             from += hit.t + off;
         }
-        if let Some(back) = self.seen(&Ray::endless(ray.at(t_max), direction)) {
+        if let Some(back) = self.seen(&Ray::endless(ray.at(t_max - inside), direction)) {
             walls.push(Wall {
                 t: f32::INFINITY,
                 before: 0,
