@@ -1,8 +1,8 @@
 //! The lvoxels of one volume, numbered, and the way of a ray through them.
 
 use super::light::Light;
-use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
+use crate::math::{Ray, Spectrum};
 use crate::scene::Volume;
 use glam::{Affine3A, DAffine3, DMat3, DVec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
@@ -20,8 +20,10 @@ pub struct Blocks {
     /// The mean cosine of the phase function that its medium had before it was made to scatter alike
     /// in all directions.
     mean_cosine: f32,
-    /// By block: extinction per scene unit.
+    /// By block: extinction per scene unit, of the channel that has most of it.
     pub sigma_t: Vec<f32>,
+    /// By channel: what extinction is of that.
+    extinction_color: [f32; 3],
     /// What extinction is of that of the medium.
     pub scale: f32,
     /// By block: log2 of its voxels along an edge.
@@ -62,6 +64,7 @@ impl Blocks {
             mean_cosine: 0.0,
             scale: 1.0,
             sigma_t: Vec::new(),
+            extinction_color: info.extinction_color,
             levels: Vec::new(),
             corners: Vec::new(),
             scene_from_index: exact.inverse(),
@@ -99,6 +102,12 @@ impl Blocks {
     pub fn albedo_of(&self, block: usize) -> Light {
         let own = self.albedos.get(block);
         own.copied().unwrap_or_else(|| Light::from(self.albedo))
+    }
+
+    /// An optical depth of the channel of most extinction, by channel.
+    #[inline]
+    pub fn depth<K: Spectrum>(&self, tau: f32) -> K {
+        K::tinted(tau, &self.extinction_color)
     }
 
     /// Adds an lvoxel. The first in a brick decides on the size of the brick's blocks; one that
@@ -252,6 +261,12 @@ pub mod tests {
                 });
             }
         }
+        blocks
+    }
+
+    /// The same blocks with such extinction by channel.
+    pub fn tinted(mut blocks: Blocks, color: [f32; 3]) -> Blocks {
+        blocks.extinction_color = color;
         blocks
     }
 

@@ -3,17 +3,16 @@
 
 use super::blocks::Blocks;
 use super::walls::Wall;
-use crate::math::Ray;
-use crate::math::exp::exp_neg_and_rest;
+use crate::math::{Ray, Spectrum};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A block on a ray.
 #[derive(Clone, Copy, Debug)]
-pub struct Crossing {
+pub struct Crossing<K> {
     /// Its number.
     pub block: u32,
     /// Share of the light on the ray that it takes.
-    pub taken: f32,
+    pub taken: K,
 }
 
 /// Bytes that crossings may still take.
@@ -36,26 +35,26 @@ impl Room {
 }
 
 /// Rays side by side, with the surfaces on them.
-#[derive(Debug, Default)]
-pub struct Bundle {
+#[derive(Debug)]
+pub struct Bundle<K> {
     rays: Vec<Ray>,
     /// Of all rays, one after the other.
     walls: Vec<Wall>,
     /// By ray: where its walls end among these.
     wall_ends: Vec<u32>,
-    kept: Option<Kept>,
+    kept: Option<Kept<K>>,
 }
 
 /// What the rays of a bundle cross.
 #[derive(Debug)]
-struct Kept {
+struct Kept<K> {
     /// Of all rays, one after the other.
-    crossings: Box<[Crossing]>,
+    crossings: Box<[Crossing<K>]>,
     /// By ray: where its crossings end among these.
     ends: Box<[u32]>,
 }
 
-impl Bundle {
+impl<K: Spectrum> Bundle<K> {
     /// Rays of a bundle: few, so that what they cross stays near the processor.
     pub const RAYS: usize = 64;
 
@@ -72,9 +71,14 @@ impl Bundle {
         rays: &[Ray],
         room: &Room,
         walls: impl Fn(&Ray) -> Vec<Wall>,
-        mut meet: impl FnMut(Crossing, f32),
+        mut meet: impl FnMut(Crossing<K>, K),
     ) -> Self {
-        let mut bundle = Self::default();
+        let mut bundle = Self {
+            rays: Vec::new(),
+            walls: Vec::new(),
+            wall_ends: Vec::new(),
+            kept: None,
+        };
         let mut crossings = Vec::new();
         let mut ends = Vec::with_capacity(rays.len());
         // Distances to the middles of crossings.
@@ -112,8 +116,8 @@ impl Bundle {
     pub fn each(
         &self,
         blocks: &Blocks,
-        walked: &mut Vec<Crossing>,
-        mut give: impl FnMut(&[Crossing], &[Wall]),
+        walked: &mut Vec<Crossing<K>>,
+        mut give: impl FnMut(&[Crossing<K>], &[Wall]),
     ) {
         let (mut first, mut first_wall) = (0, 0);
         for (i, (ray, &wall_end)) in self.rays.iter().zip(&self.wall_ends).enumerate() {
@@ -136,12 +140,12 @@ impl Bundle {
 }
 
 /// Gives what a ray crosses, with its optical depth and the distance to its middle.
-fn walk(blocks: &Blocks, ray: &Ray, mut meet: impl FnMut(Crossing, f32, f32)) {
+fn walk<K: Spectrum>(blocks: &Blocks, ray: &Ray, mut meet: impl FnMut(Crossing<K>, K, f32)) {
     blocks.walk(ray, |block, near, far| {
-        let tau = blocks.sigma_t[block] * (far - near);
+        let tau: K = blocks.depth(blocks.sigma_t[block] * (far - near));
         let crossing = Crossing {
             block: block as u32,
-            taken: exp_neg_and_rest(tau).1,
+            taken: tau.exp_neg_and_rest().1,
         };
         meet(crossing, tau, 0.5 * (near + far));
     });

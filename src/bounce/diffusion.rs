@@ -6,17 +6,17 @@
 //! the level before along each axis, until few are left.
 
 use super::blocks::Blocks;
-use super::light::Light;
+use super::light::{Light, Share};
 use glam::DMat3;
 use rayon::prelude::*;
 
 /// Cells of one size or larger, and what goes on between them.
-#[derive(Debug, Default)]
-struct Level {
+#[derive(Debug)]
+struct Level<K> {
     /// By cell: where its contacts start among all; one more for the end.
     starts: Vec<u32>,
-    contacts: Vec<Contact>,
-    cells: Vec<Cell>,
+    contacts: Vec<Contact<K>>,
+    cells: Vec<Cell<K>>,
     /// By cell: the one that holds it in the next level; none in the last one.
     parents: Vec<u32>,
 }
@@ -24,35 +24,35 @@ struct Level {
 /// How much light goes from one cell to another that it touches, for each unit by which it is
 /// brighter.
 #[derive(Clone, Copy, Debug)]
-struct Contact {
+struct Contact<K> {
     cell: u32,
-    passes: f32,
+    passes: K,
 }
 
 /// A cube of voxels.
 #[derive(Clone, Copy, Debug)]
-struct Cell {
+struct Cell<K> {
     corner: [u32; 3],
     /// Voxels.
     edge: u32,
     /// Volume times extinction, of what is in it.
-    depth: f32,
+    depth: K,
     /// What goes to all that it touches, and out of the medium.
-    leaves: f32,
+    leaves: K,
 }
 
 /// Diffusion in one volume.
 #[derive(Debug)]
-pub struct Diffusion {
-    levels: Vec<Level>,
+pub struct Diffusion<K> {
+    levels: Vec<Level<K>>,
     /// By channel: share of light that does not scatter.
     absorbed: Light,
 }
 
-impl Diffusion {
+impl<K: Share> Diffusion<K> {
     /// Bytes a block, about: three contacts and a half, two ways, of it and of the cells above.
-    pub const BYTES_A_BLOCK: usize = (7 * size_of::<Contact>()
-        + size_of::<Cell>()
+    pub const BYTES_A_BLOCK: usize = (7 * size_of::<Contact<K>>()
+        + size_of::<Cell<K>>()
         + 2 * size_of::<u32>()
         + 3 * size_of::<Light>())
         * 8
@@ -92,7 +92,7 @@ impl Diffusion {
         let rows = || (0..given.len()).into_par_iter().with_min_len(1 << 10);
         let share = |i: usize, lacks: Light| {
             let Cell { depth, leaves, .. } = level.cells[i];
-            let all = self.absorbed * depth + leaves;
+            let all = self.absorbed * depth.light() + leaves.light();
             let part = |c: usize| match all[c] > 0.0 {
                 true => Self::DAMPED * lacks[c] / all[c],
                 false => 0.0,
@@ -104,8 +104,8 @@ impl Diffusion {
             let brought = level
                 .own(i)
                 .iter()
-                .map(|c| light[c.cell as usize] * c.passes);
-            let spent = (self.absorbed * depth + leaves) * light[i];
+                .map(|c| light[c.cell as usize] * c.passes.light());
+            let spent = (self.absorbed * depth.light() + leaves.light()) * light[i];
             given[i] - spent + brought.sum::<Light>()
         };
         let smoothed = |light: &[Light]| -> Vec<Light> {
@@ -131,30 +131,31 @@ impl Diffusion {
     }
 }
 
-impl Level {
-    fn own(&self, cell: usize) -> &[Contact] {
+impl<K: Share> Level<K> {
+    fn own(&self, cell: usize) -> &[Contact<K>] {
         &self.contacts[self.starts[cell] as usize..self.starts[cell + 1] as usize]
     }
 
     /// A level of cells whose contacts are found one by one.
-    fn of(cells: Vec<Cell>, contacts: impl Fn(usize, &mut Vec<Contact>) -> f32 + Sync) -> Self {
+    fn of(cells: Vec<Cell<K>>, contacts: impl Fn(usize, &mut Vec<Contact<K>>) -> K + Sync) -> Self {
         const TOGETHER: usize = 1 << 12;
         let parts = cells.par_chunks(TOGETHER).enumerate().map(|(n, cells)| {
             let mut found = Vec::new();
             let own = (0..cells.len()).map(|i| {
                 let first = found.len();
                 let out = contacts(n * TOGETHER + i, &mut found);
-                let passes = found[first..].iter().map(|c| c.passes).sum::<f32>();
+                let passes = sum(&found[first..]);
                 (found.len() - first, out + passes)
             });
-            let own: Vec<(usize, f32)> = own.collect();
+            let own: Vec<(usize, K)> = own.collect();
             (own, found)
         });
         let parts: Vec<_> = parts.collect();
         let mut level = Self {
             cells,
             starts: vec![0],
-            ..Self::default()
+            contacts: Vec::new(),
+            parents: Vec::new(),
         };
         let mut cells = level.cells.iter_mut();
         let mut end = 0;
@@ -183,8 +184,8 @@ impl Level {
             Cell {
                 corner: blocks.corners[i],
                 edge,
-                depth: (edge as f32).powi(3) * blocks.sigma_t[i],
-                leaves: 0.0,
+                depth: blocks.depth((edge as f32).powi(3) * blocks.sigma_t[i]),
+                leaves: K::default(),
             }
         };
         let cells = (0..blocks.len()).into_par_iter().map(cell).collect();
@@ -192,10 +193,10 @@ impl Level {
             let (corner, edge) = (blocks.corners[i], 1_u32 << blocks.levels[i]);
             let deep = |block: usize| {
                 let edge = (1_u32 << blocks.levels[block]) as f32;
-                1.5 * edge * blocks.sigma_t[block]
+                blocks.depth::<K>(1.5 * edge * blocks.sigma_t[block])
             };
             let is_met = blocks.at(corner) == Some(i);
-            let mut out = 0.0;
+            let mut out = K::default();
             for axis in 0..3 {
                 for is_up in [false, true] {
                     let mut open = edge * edge;
@@ -214,17 +215,18 @@ impl Level {
                             at[v] = corner[v] + n / (edge / step) * step;
                             if let Some(other) = blocks.at(at) {
                                 let area = (step * step) as f32;
-                                let deep = wide[axis] * (deep(i) + deep(other));
+                                let deep = (deep(i) + deep(other)) * wide[axis];
                                 found.push(Contact {
                                     cell: other as u32,
-                                    passes: area / (wide[axis] * deep.max(LEAST_DEPTH)),
+                                    passes: deep.each(|d| area / (wide[axis] * d.max(LEAST_DEPTH))),
                                 });
                                 open -= step * step;
                             }
                         }
                     }
                     // To where nothing comes back from (Marshak).
-                    out += open as f32 / (wide[axis] * (2.0 + wide[axis] * deep(i)));
+                    let open = open as f32;
+                    out += deep(i).each(|d| open / (wide[axis] * (2.0 + wide[axis] * d)));
                 }
             }
             out
@@ -233,7 +235,7 @@ impl Level {
 
     /// Cells of at least this edge, unless there are as many of them as here.
     fn next(&mut self, edge: u32) -> Option<Self> {
-        let grown = |cell: &Cell| {
+        let grown = |cell: &Cell<K>| {
             let edge = cell.edge.max(edge);
             (cell.corner.map(|c| c / edge * edge), edge)
         };
@@ -250,20 +252,20 @@ impl Level {
         let mut cells = Vec::with_capacity(groups.len());
         for (number, group) in groups.iter().enumerate() {
             let (corner, edge) = grown(&self.cells[group[0].1 as usize]);
-            let (mut depth, mut leaves_medium) = (0.0, 0.0);
+            let (mut depth, mut leaves_medium) = (K::default(), K::default());
             for (_, i) in *group {
                 let cell = &self.cells[*i as usize];
-                let inside: f32 = self.own(*i as usize).iter().map(|c| c.passes).sum();
+                let inside = sum(self.own(*i as usize));
                 self.parents[*i as usize] = number as u32;
                 depth += cell.depth;
-                leaves_medium += (cell.leaves - inside).max(0.0);
+                leaves_medium += (cell.leaves - inside).each(|l| l.max(0.0));
             }
             out.push(leaves_medium);
             cells.push(Cell {
                 corner,
                 edge,
                 depth,
-                leaves: 0.0,
+                leaves: K::default(),
             });
         }
         let edges: Vec<u32> = cells.iter().map(|c| c.edge).collect();
@@ -279,7 +281,7 @@ impl Level {
                     // Their middles are farther apart.
                     let near = small.edge + self.cells[contact.cell as usize].edge;
                     let far = edges[number] + edges[other as usize];
-                    let passes = contact.passes * near as f32 / far as f32;
+                    let passes = contact.passes.each(|p| p * near as f32 / far as f32);
                     match found[first..].iter_mut().find(|c| c.cell == other) {
                         Some(known) => known.passes += passes,
                         None => found.push(Contact {
@@ -292,6 +294,11 @@ impl Level {
             out[number]
         }))
     }
+}
+
+/// What goes over all of some contacts.
+fn sum<K: Share>(contacts: &[Contact<K>]) -> K {
+    contacts.iter().fold(K::default(), |sum, c| sum + c.passes)
 }
 
 /// Depth between two cells, at least, times 1.5: light crosses thin ones as fast as it will.
@@ -311,7 +318,7 @@ mod tests {
     #[test]
     fn light_spreads_as_far_one_way_as_the_other_and_is_never_turned_round() {
         let blocks = uneven(1.0);
-        let diffusion = Diffusion::new(&blocks);
+        let diffusion = Diffusion::<f32>::new(&blocks);
         assert!(diffusion.levels.len() >= 3);
         let [a, b] = [1, 2].map(|key| {
             let light = |i| Light::splat(unit2(hash(&[key, i as u64]))[0] - 0.5);
@@ -330,8 +337,8 @@ mod tests {
     #[test]
     fn cells_touch_each_other_and_all_of_a_level_have_the_depth_of_the_blocks() {
         let blocks = uneven(1.0);
-        let levels = Diffusion::new(&blocks).levels;
-        let depth = |level: &Level| level.cells.iter().map(|c| c.depth).sum::<f32>();
+        let levels = Diffusion::<f32>::new(&blocks).levels;
+        let depth = |level: &Level<f32>| level.cells.iter().map(|c| c.depth).sum::<f32>();
         for level in &levels {
             assert!((depth(level) / depth(&levels[0]) - 1.0).abs() < 1e-4);
             for cell in 0..level.cells.len() {

@@ -3,7 +3,7 @@
 
 use super::blocks::Blocks;
 use super::lattice::{self, DIRECTIONS};
-use super::light::Light;
+use super::light::{Light, Share};
 use super::media::ScatteringVolume;
 use super::walls::WallLight;
 use crate::Result;
@@ -24,8 +24,8 @@ const SETS: u32 = 3;
 ///
 /// # Errors
 /// A stop on request.
-pub fn of_lvoxels(
-    volume: &ScatteringVolume,
+pub fn of_lvoxels<K: Share>(
+    volume: &ScatteringVolume<K>,
     blocks: &Blocks,
     tracer: &Tracer,
     environment: Environment,

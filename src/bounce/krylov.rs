@@ -1,15 +1,15 @@
 //! Linear systems whose matrix is only known by what it makes of a vector, and is symmetric once its
 //! rows are weighted: conjugate gradients (Hestenes & Stiefel 1952), each channel by itself.
 
-use super::light::Light;
+use super::light::{Light, Share};
 use crate::Result;
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// A matrix, and what is about its inverse.
-pub struct System<'a, A, M> {
+pub struct System<'a, K, A, M> {
     /// By row.
-    pub weights: &'a [f32],
+    pub weights: &'a [K],
     /// What the matrix makes of a vector.
     pub product: A,
     /// What about its inverse makes of one; symmetric as the matrix is, and positive.
@@ -29,7 +29,7 @@ pub struct Solved {
 /// Vectors that are kept.
 pub const VECTORS: usize = 5;
 
-impl<A, M> System<'_, A, M>
+impl<K: Share, A, M> System<'_, K, A, M>
 where
     A: Fn(&[Light]) -> Result<Vec<Light>>,
     M: Fn(&[Light]) -> Vec<Light>,
@@ -89,18 +89,19 @@ fn over(a: DVec3, b: DVec3) -> Light {
 }
 
 /// Length of a vector whose parts count by these weights.
-pub fn length(weights: &[f32], v: &[Light]) -> f64 {
+pub fn length<K: Share>(weights: &[K], v: &[Light]) -> f64 {
     dot(weights, v, v).element_sum().sqrt()
 }
 
 /// Product of two vectors, by channel.
-fn dot(weights: &[f32], a: &[Light], b: &[Light]) -> DVec3 {
+fn dot<K: Share>(weights: &[K], a: &[Light], b: &[Light]) -> DVec3 {
     /// Parts that are added up together, whatever the threads.
     const TOGETHER: usize = 1 << 12;
     let chunks = weights.par_chunks(TOGETHER).zip(a.par_chunks(TOGETHER));
     let sums = chunks.zip(b.par_chunks(TOGETHER)).map(|((w, a), b)| {
-        let of =
-            |((w, a), b): ((&f32, &Light), &Light)| a.as_dvec3() * b.as_dvec3() * f64::from(*w);
+        let of = |((w, a), b): ((&K, &Light), &Light)| {
+            a.as_dvec3() * b.as_dvec3() * w.light().as_dvec3()
+        };
         w.iter().zip(a).zip(b).map(of).sum::<DVec3>()
     });
     sums.collect::<Vec<_>>().into_iter().sum()
@@ -120,7 +121,7 @@ mod tests {
             Ok((0..count).map(of).collect())
         };
         let system = System {
-            weights: &vec![3.0; count],
+            weights: &vec![3.0_f32; count],
             product,
             inverse: |r: &[Light]| r.iter().map(|r| *r * 0.5).collect(),
         };

@@ -1,5 +1,6 @@
 //! Links: how much of what arrives at one receiver goes on to another.
 
+use super::light::Share;
 use super::places::Places;
 use super::receivers::{Met, Receiver};
 use super::surface_below::SAME;
@@ -122,32 +123,38 @@ impl Links {
     /// Bytes of each.
     pub const BYTES: usize = size_of::<Link>();
 
-    /// Links receivers to those that are nearest to what their rays met.
+    /// Links receivers to those that are nearest to what the rays of each met.
     ///
     /// # Errors
     /// A stop on request.
-    pub fn new(scene: &Scene, sites: &Sites, cancel: &Cancel) -> Result<Self> {
-        let linked = sites.receivers.par_iter().map(|receiver| {
+    pub fn new<K: Share>(
+        scene: &Scene,
+        sites: &Sites,
+        met: &[Vec<Met<K>>],
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        let linked = sites.receivers.par_iter().zip(met).map(|(receiver, met)| {
             cancel.check()?;
             let mut direct = Rgb::BLACK;
-            let link = |&Met { hit, arriving, .. }: &Met| {
+            let link = |&Met { hit, arriving, .. }: &Met<K>| {
                 let surface = Surface::new(scene, hit.triangle, hit.uv);
-                let arriving = arriving / receiver.count as f32;
-                let share = surface.albedo * arriving;
+                let arriving = arriving.each(|a| a / receiver.count as f32);
+                let share = arriving.filter(surface.albedo);
                 if share.is_black() {
                     return None;
                 }
                 let normal = surface.face_normal * if hit.is_back { -1.0 } else { 1.0 };
                 let from = sites.nearest(surface.position, normal);
                 if let Some(from) = from {
-                    direct += sites.receivers[from as usize].sent_at(surface.position) * arriving;
+                    let sent = sites.receivers[from as usize].sent_at(surface.position);
+                    direct += arriving.filter(sent);
                 }
                 Some(Link {
                     from: from.unwrap_or(Link::NOWHERE),
                     share,
                 })
             };
-            let own: Vec<Link> = receiver.met.iter().filter_map(link).collect();
+            let own: Vec<Link> = met.iter().filter_map(link).collect();
             Ok((direct, own))
         });
         let linked = linked.collect::<Result<Vec<_>>>()?;

@@ -7,7 +7,7 @@
 
 use super::blocks::Blocks;
 use super::lattice::{self, DIRECTIONS};
-use super::light::Light;
+use super::light::{Light, Share};
 use super::sweeps::{Carried, Sweeps};
 use super::walls::WallLight;
 use crate::Result;
@@ -87,9 +87,9 @@ impl Lobes {
     ///
     /// # Errors
     /// A stop on request.
-    pub fn given(
+    pub fn given<K: Share>(
         &self,
-        sweeps: &Sweeps,
+        sweeps: &Sweeps<K>,
         blocks: &Blocks,
         direct: &[Light],
         cancel: &Cancel,
@@ -109,9 +109,9 @@ impl Lobes {
     ///
     /// # Errors
     /// A stop on request.
-    pub fn find_ways(
+    pub fn find_ways<K: Share>(
         &mut self,
-        sweeps: &Sweeps,
+        sweeps: &Sweeps<K>,
         [sources, direct]: [&[Light]; 2],
         walls: &WallLight,
         cancel: &Cancel,

@@ -4,24 +4,23 @@ use super::blocks::Blocks;
 use super::diffusion::Diffusion;
 use super::krylov;
 use super::lattice::DIRECTIONS;
-use super::light::Light;
+use super::light::{Light, Share};
 use super::lobes::{Lobes, Sent};
-use super::receivers::Receiver;
+use super::receivers::{Met, Receiver};
 use super::sweeps::Sweeps;
 use super::walls::WallLight;
 use crate::Result;
 use crate::math::Rgb;
-use crate::math::exp::exp_neg_and_rest;
 use crate::run::Cancel;
 use glam::Vec3;
 use rayon::prelude::*;
 
 /// One volume, and the sources of its blocks.
 #[derive(Debug)]
-pub struct ScatteringVolume<'a> {
+pub struct ScatteringVolume<'a, K> {
     blocks: &'a Blocks,
-    sweeps: Sweeps<'a>,
-    diffusion: Diffusion,
+    sweeps: Sweeps<'a, K>,
+    diffusion: Diffusion<K>,
     /// Of light that comes straight from lights.
     direct: &'a [Light],
     /// Where light leaves in lobes: what the sources are made of, if not of direct light as it is.
@@ -36,17 +35,17 @@ pub struct ScatteringVolume<'a> {
     pub residual: f64,
 }
 
-impl<'a> ScatteringVolume<'a> {
+impl<'a, K: Share> ScatteringVolume<'a, K> {
     /// Bytes a block, at most: itself, its light in all sums of a sweep, and the vectors of the
     /// solver.
-    pub const BYTES_A_BLOCK: u64 = (Sweeps::BYTES_A_BLOCK
-        + Diffusion::BYTES_A_BLOCK
+    pub const BYTES_A_BLOCK: u64 = (Sweeps::<K>::BYTES_A_BLOCK
+        + Diffusion::<K>::BYTES_A_BLOCK
         + size_of::<Light>() * (3 + krylov::VECTORS)) as u64;
     /// Most sweeps of one solution.
     const MOST_SWEEPS: u32 = 200;
 
     /// A volume that scatters what comes straight from lights.
-    pub fn new(blocks: &'a Blocks, sweeps: Sweeps<'a>, direct: &'a [Light]) -> Self {
+    pub fn new(blocks: &'a Blocks, sweeps: Sweeps<'a, K>, direct: &'a [Light]) -> Self {
         Self {
             blocks,
             diffusion: Diffusion::new(blocks),
@@ -101,7 +100,7 @@ impl<'a> ScatteringVolume<'a> {
     }
 
     /// The rays through it.
-    pub fn sweeps(&self) -> &Sweeps<'a> {
+    pub fn sweeps(&self) -> &Sweeps<'a, K> {
         &self.sweeps
     }
 
@@ -188,11 +187,12 @@ impl<'a> ScatteringVolume<'a> {
             // diffused (Alcouffe 1977).
             inverse: |r: &[Light]| {
                 let given = r.par_iter().zip(weights);
-                let given = given.map(|(r, weight)| *r * (*weight / all_directions));
+                let given =
+                    given.map(|(r, weight)| *r * weight.each(|w| w / all_directions).light());
                 let mut spread = diffusion.spread(&given.collect::<Vec<_>>());
                 let pairs = r.par_iter().zip(kept);
                 (spread.par_iter_mut().zip(pairs)).for_each(|(s, (r, kept))| {
-                    *s = *s * albedo + *r / (1.0 - albedo * *kept);
+                    *s = *s * albedo + *r / (Light::ONE - albedo * kept.light());
                 });
                 spread
             },
@@ -207,17 +207,24 @@ impl<'a> ScatteringVolume<'a> {
         self.sources = solved.x.into_iter().map(|x| x.max(Light::ZERO)).collect();
         // Where no ray passes nothing but direct light is known.
         let all = self.sources.iter_mut().zip(self.direct);
-        let missed = all.zip(weights).filter(|(_, weight)| **weight == 0.0);
-        missed.for_each(|((source, direct), _)| *source = *direct);
+        for ((source, direct), weight) in all.zip(weights) {
+            let is_missed = weight.light().cmpeq(Light::ZERO);
+            *source = Light::select(is_missed, *direct, *source);
+        }
         self.find_ways(walls, cancel)
     }
 }
 
-/// By receiver: what volumes send to it beyond the direct light that they scatter.
-pub fn at_receivers(receivers: &[Receiver], volumes: &[ScatteringVolume]) -> Vec<Rgb> {
+/// By receiver: what volumes send to it beyond the direct light that they scatter, where these are
+/// the surfaces that rays met.
+pub fn at_receivers<K: Share>(
+    receivers: &[Receiver],
+    met: &[Vec<Met<K>>],
+    volumes: &[ScatteringVolume<K>],
+) -> Vec<Rgb> {
     let added: Vec<Vec<Sent>> = volumes.iter().map(ScatteringVolume::added).collect();
-    let at = |receiver: &Receiver| {
-        let mut met = receiver.met.iter().peekable();
+    let at = |(receiver, met): (&Receiver, &Vec<Met<K>>)| {
+        let mut met = met.iter().peekable();
         let mut sum = Light::ZERO;
         for (i, ray) in (0..).zip(receiver.rays()) {
             let end = met
@@ -225,24 +232,27 @@ pub fn at_receivers(receivers: &[Receiver], volumes: &[ScatteringVolume]) -> Vec
                 .map_or(f32::INFINITY, |m| m.hit.t);
             let ray = ray.up_to(end);
             for (volume, added) in volumes.iter().zip(&added) {
-                let mut passing = 1.0;
-                volume.blocks.walk(&ray, |block, near, far| {
-                    let tau = volume.blocks.sigma_t[block] / volume.blocks.scale * (far - near);
-                    let (passed, taken) = exp_neg_and_rest(tau);
-                    sum += added[block].along(-ray.direction) * (passing * taken);
-                    passing *= passed;
+                let blocks = volume.blocks;
+                let mut passing = Light::ONE;
+                blocks.walk(&ray, |block, near, far| {
+                    let tau = blocks.sigma_t[block] / blocks.scale * (far - near);
+                    let (passed, taken) = blocks.depth::<K>(tau).exp_neg_and_rest();
+                    sum += added[block].along(-ray.direction) * (passing * taken.light());
+                    passing *= passed.light();
                 });
             }
         }
         Rgb((sum / receiver.count as f32).to_array())
     };
-    receivers.par_iter().map(at).collect()
+    receivers.par_iter().zip(met).map(at).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounce::blocks::tests::{tinted, uneven};
     use crate::bounce::crossings::Room;
+    use crate::math::sampling::{hash, unit2};
     use glam::{DAffine3, DVec3};
     use lvox_formats::record::{Lvoxel, VolumeInfo};
 
@@ -288,7 +298,7 @@ mod tests {
                 direct.push(Light::splat(source as f32 / blocks.scale));
             }
         }
-        let sweeps = Sweeps::alone(&blocks, &Room::new(u64::MAX));
+        let sweeps = Sweeps::<f32>::alone(&blocks, &Room::new(u64::MAX));
         let mut volume = ScatteringVolume::new(&blocks, sweeps, &direct);
         let cancel = Cancel::default();
         if g != 0.0 {
@@ -376,6 +386,35 @@ mod tests {
             let off = [reflected - reflects, through - lets_through];
             assert!(off[0].abs() < 0.065, "{depth}: {reflected}");
             assert!(off[1].abs() < 0.03, "{depth}: {through}");
+        }
+    }
+
+    /// The sources of a volume with uneven direct light.
+    fn solved<K: Share>(blocks: &Blocks) -> Vec<Light> {
+        let light = |i| Light::splat(unit2(hash(&[3, i as u64]))[0]);
+        let direct: Vec<Light> = (0..blocks.len()).map(light).collect();
+        let sweeps = Sweeps::<K>::alone(blocks, &Room::new(u64::MAX));
+        let mut volume = ScatteringVolume::new(blocks, sweeps, &direct);
+        let cancel = Cancel::default();
+        volume.solve(&WallLight::NONE, 1e-5, &cancel).unwrap();
+        volume.sources
+    }
+
+    #[test]
+    fn each_channel_is_that_of_a_grey_medium() {
+        const COLOR: [f32; 3] = [1.0, 0.25, 0.0];
+        let evenly: Vec<Light> = solved::<f32>(&uneven(0.95));
+        assert_eq!(solved::<Rgb>(&uneven(0.95)), evenly);
+        let colored = solved::<Rgb>(&tinted(uneven(0.95), COLOR));
+        for (c, share) in COLOR.into_iter().enumerate() {
+            let mut grey = uneven(0.95);
+            grey.sigma_t.iter_mut().for_each(|s| *s *= share);
+            for (colored, grey) in colored.iter().zip(solved::<f32>(&grey)) {
+                assert!(
+                    (colored[c] / grey[c] - 1.0).abs() < 1e-3,
+                    "{colored} {grey}"
+                );
+            }
         }
     }
 }

@@ -48,8 +48,9 @@ mod sweeps;
 mod walls;
 
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
-use crate::gather::{Medium, NoMedia};
+use crate::gather::{ColoredMedia, Medium, NoMedia};
 use crate::light::{Lights, SceneMedia};
+use crate::math::Rgb;
 use crate::run::{Budget, Job, hex};
 use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
@@ -60,14 +61,14 @@ use crate::{Error, Result};
 use blocks::Blocks;
 use crossings::Room;
 use glam::Vec3;
-use light::Light;
+use light::{Light, Share};
 use links::{Links, Sites};
 use lobes::Lobes;
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
 use places::Places;
 use rayon::prelude::*;
-use receivers::{LitRun, Met, Receiver, ReceiverMaker};
+use receivers::{LitRun, Met, PageReceivers, Receiver, ReceiverMaker};
 use rewrite::{Neighbours, NewLight};
 pub use settings::{Bounces, Settings};
 use solve::{Exchange, Solution};
@@ -102,7 +103,6 @@ pub fn run(
         .hint("bounce the tree that this one was made from"));
     }
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
-    check_scene(scene, settings)?;
     check_memory(scene, source, settings, job)?;
     (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
         let meta = meta(source, settings);
@@ -118,6 +118,7 @@ pub fn run(
         let mut lit = match settings.bounces {
             Bounces::Count(1) => Lit::nothing(source.surfel_pages()),
             _ if tree.media.is_empty() => gathering.run(NoMedia)?,
+            _ if tree.media.are_colored() => gathering.run(ColoredMedia(&tree.media))?,
             _ => gathering.run(&tree.media)?,
         };
         let light = NewLight {
@@ -185,11 +186,25 @@ pub fn check_memory(
     settings: &Settings,
     job: &Job,
 ) -> Result<u64> {
-    let least = least_memory(scene, tree, settings, job);
+    let colors = tree.meta().cloud.volumes.iter().map(|v| v.extinction_color);
+    match colors.into_iter().all(|color| color == [1.0; 3]) {
+        true => check_memory_of::<f32>(scene, tree, settings, job),
+        false => check_memory_of::<Rgb>(scene, tree, settings, job),
+    }
+}
+
+/// The same for media that are grey or have colour.
+fn check_memory_of<K: Share>(
+    scene: &Scene,
+    tree: &Tree<MappedFile>,
+    settings: &Settings,
+    job: &Job,
+) -> Result<u64> {
+    let least = least_memory::<K>(scene, tree, settings, job);
     let what = "bouncing light in this scene";
     least.within(what, job.memory_limit, "raise `memory_limit`")?;
     let laid_down = match job.memory_limit {
-        Some(_) => bytes_laid_down(&least, tree, job),
+        Some(_) => bytes_laid_down::<K>(&least, tree, job),
         None => 0,
     };
     let budget = least.with("what rays cross in media", laid_down);
@@ -201,17 +216,25 @@ pub fn check_memory(
 const SETS_AT_A_TIME: u64 = 2;
 
 /// What is held beside the tree whatever the limit.
-fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job: &Job) -> Budget {
+fn least_memory<K: Share>(
+    scene: &Scene,
+    tree: &Tree<MappedFile>,
+    settings: &Settings,
+    job: &Job,
+) -> Budget {
     /// Runs of each that is as large as may be: some face other ways, some are divided.
     const DIVIDED: u64 = 8;
     let sums = &tree.summary().sums;
     let runs = sums.surfels / u64::from(run_surfels(tree)) + 1;
-    let met = size_of::<Met>() + Links::BYTES;
-    let receiver = size_of::<Receiver>() + Sites::BYTES + settings.samples as usize * met;
+    let met = size_of::<Met<K>>() + Links::BYTES;
+    let receiver = size_of::<Receiver>()
+        + size_of::<Vec<Met<K>>>()
+        + Sites::BYTES
+        + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
     let has_lobes = scene.volumes.iter().any(|v| v.phase.moment(1) != 0.0);
     let varies = scene.volumes.iter().any(|v| v.albedo_grid.is_some());
-    let of_lvoxel = ScatteringVolume::BYTES_A_BLOCK
+    let of_lvoxel = ScatteringVolume::<K>::BYTES_A_BLOCK
         + if has_lobes { Lobes::BYTES_A_BLOCK } else { 0 }
         + if varies { Blocks::BYTES_OF_ALBEDO } else { 0 };
     Budget::default()
@@ -225,13 +248,13 @@ fn least_memory(scene: &Scene, tree: &Tree<MappedFile>, settings: &Settings, job
         .with("lvoxels", sums.lvoxels().saturating_mul(of_lvoxel))
         .with(
             "rays through media",
-            SETS_AT_A_TIME * volumes.map(Sweeps::bytes_for).sum::<u64>(),
+            SETS_AT_A_TIME * volumes.map(Sweeps::<K>::bytes_for).sum::<u64>(),
         )
 }
 
 /// Bytes for what rays cross in media: a half of what a limit leaves, and the other for pages.
-fn bytes_laid_down(least: &Budget, tree: &Tree<MappedFile>, job: &Job) -> u64 {
-    let all = Sweeps::bytes_laid_down(tree.summary().sums.lvoxels());
+fn bytes_laid_down<K: Share>(least: &Budget, tree: &Tree<MappedFile>, job: &Job) -> u64 {
+    let all = Sweeps::<K>::bytes_laid_down(tree.summary().sums.lvoxels());
     let left = |limit: u64| limit.saturating_sub(least.bytes()) / 2;
     job.memory_limit
         .map_or(u64::MAX, |limit| all.min(left(limit)))
@@ -269,12 +292,12 @@ impl Lit {
         }
     }
 
-    /// The receivers of all pages of a tree.
-    fn at_receivers<M: Medium>(
+    /// The receivers of all pages of a tree, and by receiver the surfaces that its rays met.
+    fn at_receivers<M: Medium<Share: Share>>(
         maker: &ReceiverMaker<M>,
         source: &Tree<MappedFile>,
         job: &Job,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Vec<Vec<Met<M::Share>>>)> {
         let count = source.surfel_pages();
         let task = job.progress.task("receivers", count as u64, "pages");
         let made = (0..count).into_par_iter().map(|id| {
@@ -285,15 +308,21 @@ impl Lit {
         });
         let made = made.collect::<Result<Vec<_>>>()?;
         drop(task);
-        let mut lit = Self::nothing(0);
-        for (mut runs, receivers) in made {
+        let (mut lit, mut all_met) = (Self::nothing(0), Vec::new());
+        for of_page in made {
+            let PageReceivers {
+                mut runs,
+                receivers,
+                met,
+            } = of_page;
             let first = lit.receivers.len() as u32;
             let numbers = runs.iter_mut().flat_map(|r| &mut r.receivers);
             numbers.for_each(|r| *r += first);
             lit.runs.push(runs);
             lit.receivers.extend(receivers);
+            all_met.extend(met);
         }
-        Ok(lit)
+        Ok((lit, all_met))
     }
 }
 
@@ -307,7 +336,7 @@ struct Gathering<'a> {
 
 impl Gathering<'_> {
     /// Finds the light of all bounces in such media.
-    fn run<M: Medium>(self, media: M) -> Result<Lit> {
+    fn run<M: Medium<Share: Share>>(self, media: M) -> Result<Lit> {
         let Self {
             tracer,
             tree,
@@ -323,10 +352,10 @@ impl Gathering<'_> {
             run_surfels,
             seed: settings.seed,
         };
-        let mut lit = Lit::at_receivers(&maker, source, job)?;
+        let (mut lit, met) = Lit::at_receivers(&maker, source, job)?;
         let (scene, receivers, cancel) = (tracer.scene, &lit.receivers, &job.cancel);
         let sites = Sites::new(receivers, tracer);
-        let links = Links::new(scene, &sites, cancel)?;
+        let links = Links::new(scene, &sites, &met, cancel)?;
         (lit.links, lit.lost_links) = (links.len(), links.lost());
         let walls = Walls {
             tracer,
@@ -338,8 +367,8 @@ impl Gathering<'_> {
             direct,
             lobes,
         } = Lvoxels::of(source, &scene.volumes, &mean_cosines)?;
-        let least = least_memory(scene, source, settings, job);
-        let room = Room::new(bytes_laid_down(&least, source, job));
+        let least = least_memory::<M::Share>(scene, source, settings, job);
+        let room = Room::new(bytes_laid_down::<M::Share>(&least, source, job));
         let volumes = (0..blocks.len()).map(|i| {
             let (blocks, direct) = (&blocks[i], &direct[i]);
             let sweeps = Sweeps::new(blocks, &walls, &room, cancel)?;
@@ -351,6 +380,7 @@ impl Gathering<'_> {
         });
         let mut exchange = Exchange {
             receivers,
+            met: &met,
             links: &links,
             volumes: volumes.collect::<Result<_>>()?,
             cancel,
@@ -418,22 +448,6 @@ impl Lvoxels {
             direct,
             lobes,
         })
-    }
-}
-
-/// Refuses media of colour, whose light is solved for all channels alike.
-///
-/// # Errors
-/// [`crate::Kind::Input`], with the name of such a volume.
-pub fn check_scene(scene: &Scene, settings: &Settings) -> Result<()> {
-    let colored = scene.volumes.iter().find(|v| !v.is_grey());
-    match colored {
-        Some(volume) if settings.bounces != Bounces::Count(1) => Err(Error::input(format!(
-            "the extinction of the volume `{}` differs by channel, and its light is known for one bounce",
-            volume.name
-        ))
-        .hint("render with `--bounces 1`, or shade from the tree that `build` made")),
-        _ => Ok(()),
     }
 }
 

@@ -1,11 +1,12 @@
 //! Receivers: the places at which light is gathered once for the surfels around them.
 
+use super::light::Share;
 use super::runs::{PageSurfels, Run};
 use super::surface_below::surface_below;
 use crate::gather::{MAX_PACKET, Medium};
 use crate::math::sampling::{cosine_hemisphere, hash, sobol2, tangents};
 use crate::math::segment::Composite;
-use crate::math::{Hit, Ray, Rgb, Spectrum};
+use crate::math::{Hit, Ray, Rgb};
 use crate::trace::{Tracer, offset};
 use glam::Vec3;
 use lvox_formats::record::{Surfel, SurfelPage};
@@ -28,8 +29,6 @@ pub struct Receiver {
     pub area: f32,
     /// The height up to which nothing is above it.
     clear: f32,
-    /// Surfaces that its rays met, in the order of rays; the others met none.
-    pub met: Vec<Met>,
     /// Number of its rays.
     pub count: u32,
     /// Key of their directions.
@@ -94,13 +93,13 @@ fn clear_above(tracer: &Tracer, receiver: &Receiver) -> f32 {
 
 /// The surface that ended a ray.
 #[derive(Clone, Copy, Debug)]
-pub struct Met {
+pub struct Met<K> {
     /// Which of the receiver's rays.
     pub ray: u32,
     /// Where.
     pub hit: Hit,
     /// How much of what the surface sends arrives: what media let through.
-    pub arriving: f32,
+    pub arriving: K,
 }
 
 impl Receiver {
@@ -166,6 +165,20 @@ pub struct LitRun {
     pub receivers: [u32; 2],
 }
 
+/// The receivers of a page.
+#[derive(Debug)]
+pub struct PageReceivers<K> {
+    /// Its runs, whose receivers are numbered among these.
+    pub runs: Vec<LitRun>,
+    /// Fronts before backs.
+    pub receivers: Vec<Receiver>,
+    /// By receiver: the surfaces that its rays met, in the order of rays; the others met none.
+    pub met: Vec<Vec<Met<K>>>,
+}
+
+/// A receiver, what its rays met, and the harmonic distance to all that.
+type Looking<K> = (Receiver, Vec<Met<K>>, f32);
+
 /// Makes the receivers of runs.
 pub struct ReceiverMaker<'a, M> {
     /// The scene.
@@ -180,17 +193,19 @@ pub struct ReceiverMaker<'a, M> {
     pub seed: u64,
 }
 
-impl<M: Medium> ReceiverMaker<'_, M> {
+impl<M: Medium<Share: Share>> ReceiverMaker<'_, M> {
     /// Light changes over about this share of the harmonic distance to what is seen: runs are no
     /// larger.
     const RANGE: f32 = 0.2;
 
-    /// The receivers of a page, fronts before backs, and its runs, whose receivers are numbered
-    /// among these.
-    pub fn make(&self, page: &SurfelPage, id: u32) -> (Vec<LitRun>, Vec<Receiver>) {
+    /// The receivers of a page.
+    pub fn make(&self, page: &SurfelPage, id: u32) -> PageReceivers<M::Share> {
         let surfels = PageSurfels::new(page);
-        let mut runs = Vec::new();
-        let mut receivers = Vec::new();
+        let mut made = PageReceivers {
+            runs: Vec::new(),
+            receivers: Vec::new(),
+            met: Vec::new(),
+        };
         let mut open: Vec<Run> = Vec::new();
         for root in surfels.roots(self.run_surfels) {
             open.extend(surfels.runs(root));
@@ -198,29 +213,30 @@ impl<M: Medium> ReceiverMaker<'_, M> {
                 let children = surfels.children(run.node);
                 let sides = self.receivers(page, id, &run);
                 // The side that sees farther is the one outside of what is solid.
-                let range = sides[0].1.max(sides[1].1);
+                let range = sides[0].2.max(sides[1].2);
                 if run.radius > Self::RANGE * range && !children.is_empty() {
                     open.extend(children.rev().filter_map(|c| surfels.run(c, run.facing)));
                     continue;
                 }
-                let first = receivers.len() as u32;
+                let first = made.receivers.len() as u32;
                 let own = surfels.of_run(&run);
-                for (is_back, (mut receiver, _)) in [false, true].into_iter().zip(sides) {
+                for (is_back, (mut receiver, met, _)) in [false, true].into_iter().zip(sides) {
                     receiver.clear = clear_above(self.tracer, &receiver);
                     receiver.divide(self.tracer, &own, is_back);
-                    receivers.push(receiver);
+                    made.receivers.push(receiver);
+                    made.met.push(met);
                 }
-                runs.push(LitRun {
+                made.runs.push(LitRun {
                     run,
                     receivers: [first, first + 1],
                 });
             }
         }
-        (runs, receivers)
+        made
     }
 
-    /// The receivers on both sides of a run, and the harmonic distance to what each sees.
-    fn receivers(&self, page: &SurfelPage, id: u32, run: &Run) -> [(Receiver, f32); 2] {
+    /// The receivers on both sides of a run.
+    fn receivers(&self, page: &SurfelPage, id: u32, run: &Run) -> [Looking<M::Share>; 2] {
         let surfel = &page.surfels[run.surfel as usize];
         let (point, normal) = surface_below(self.tracer, surfel)
             .map_or((surfel.position.into(), surfel.normal.into()), |s| {
@@ -235,7 +251,6 @@ impl<M: Medium> ReceiverMaker<'_, M> {
                 from_media: Rgb::BLACK,
                 area: run.area,
                 clear: 0.0,
-                met: Vec::new(),
                 count: 0,
                 key: hash(&[
                     self.seed,
@@ -250,19 +265,20 @@ impl<M: Medium> ReceiverMaker<'_, M> {
                 true => self.samples.div_ceil(2),
                 false => self.samples,
             };
-            let distance = self.look(&mut receiver);
-            (receiver, distance)
+            let (met, distance) = self.look(&mut receiver);
+            (receiver, met, distance)
         })
     }
 
-    /// Finds what the rays of a receiver meet, and what media send along them; returns the harmonic
-    /// distance to all that.
-    fn look(&self, receiver: &mut Receiver) -> f32 {
+    /// Finds what the rays of a receiver meet, and what media send along them; returns the surfaces,
+    /// and the harmonic distance to all that.
+    fn look(&self, receiver: &mut Receiver) -> (Vec<Met<M::Share>>, f32) {
         let rays: Vec<Ray> = receiver.rays().collect();
         let mut hits = vec![None; rays.len()];
         for (rays, hits) in rays.chunks(MAX_PACKET).zip(hits.chunks_mut(MAX_PACKET)) {
             self.tracer.closest_of_packet(rays, hits);
         }
+        let mut met = Vec::new();
         let (mut light, mut inverse) = (Rgb::BLACK, 0.0);
         for ((number, ray), hit) in (0..).zip(rays).zip(hits) {
             let distance = hit.map_or(f32::INFINITY, |hit| hit.t);
@@ -270,13 +286,13 @@ impl<M: Medium> ReceiverMaker<'_, M> {
             let stopped = (self.media).pass(&ray.up_to(distance), &[], &mut passed);
             light += passed.radiance;
             inverse += stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
-            receiver.met.extend(hit.map(|hit| Met {
+            met.extend(hit.map(|hit| Met {
                 ray: number,
                 hit,
-                arriving: passed.transmittance.mean(),
+                arriving: passed.transmittance,
             }));
         }
         receiver.from_media = light * (1.0 / receiver.count as f32);
-        receiver.count as f32 / inverse
+        (met, receiver.count as f32 / inverse)
     }
 }

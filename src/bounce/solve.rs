@@ -1,8 +1,9 @@
 //! The light of all bounces: at receivers, which pass it on to each other, and in media.
 
+use super::light::Share;
 use super::links::Links;
 use super::media::{ScatteringVolume, at_receivers};
-use super::receivers::Receiver;
+use super::receivers::{Met, Receiver};
 use super::settings::Bounces;
 use super::walls::WallLight;
 use crate::math::Rgb;
@@ -11,13 +12,15 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 
 /// Surfaces and media that light each other.
-pub struct Exchange<'a> {
+pub struct Exchange<'a, K> {
     /// Places on surfaces.
     pub receivers: &'a [Receiver],
+    /// By receiver: the surfaces that its rays met, in the order of rays; the others met none.
+    pub met: &'a [Vec<Met<K>>],
     /// How light goes between them.
     pub links: &'a Links,
     /// Media.
-    pub volumes: Vec<ScatteringVolume<'a>>,
+    pub volumes: Vec<ScatteringVolume<'a, K>>,
     /// For a stop on request.
     pub cancel: &'a Cancel,
 }
@@ -44,7 +47,7 @@ const ROUND_TOLERANCE: f64 = 1e-3;
 /// Most times that surfaces and media light each other.
 const MOST_ROUNDS: u32 = 16;
 
-impl Exchange<'_> {
+impl<K: Share> Exchange<'_, K> {
     /// Finds the light of so many bounces.
     ///
     /// # Errors
@@ -61,7 +64,7 @@ impl Exchange<'_> {
         let mut light = vec![Rgb::BLACK; self.receivers.len()];
         for _ in 1..bounces {
             let next = self.passed_on(&light)?;
-            let from_media = at_receivers(self.receivers, &self.volumes);
+            let from_media = at_receivers(self.receivers, self.met, &self.volumes);
             let walls = WallLight {
                 sends_tree: true,
                 light: &light,
@@ -97,7 +100,7 @@ impl Exchange<'_> {
             for volume in &mut self.volumes {
                 volume.solve(&walls, tolerance, self.cancel)?;
             }
-            let gathered = self.gathered(at_receivers(self.receivers, &self.volumes));
+            let gathered = self.gathered(at_receivers(self.receivers, self.met, &self.volumes));
             let next = self.between_surfaces(gathered)?;
             let news = next.light.iter().zip(&solution.light);
             let news: Vec<Rgb> = news

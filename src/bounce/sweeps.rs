@@ -10,7 +10,7 @@
 use super::blocks::Blocks;
 use super::crossings::{Bundle, Crossing, Room};
 use super::lattice::{self, DIRECTIONS};
-pub use super::light::Light;
+pub use super::light::{Light, Share};
 use super::walls::{self, Wall, WallLight, Walls};
 use crate::Result;
 use crate::math::Ray;
@@ -53,33 +53,32 @@ impl Carried for Even<'_> {
 
 /// All rays of one direction.
 #[derive(Debug)]
-struct Direction {
+struct Direction<K> {
     along: Vec3,
-    bundles: Vec<Bundle>,
+    bundles: Vec<Bundle<K>>,
     /// Volume of the medium that a ray stands for, voxels per unit of its length.
     section: f32,
 }
 
 /// Rays of all directions through one volume.
 #[derive(Debug)]
-pub struct Sweeps<'a> {
+pub struct Sweeps<'a, K> {
     blocks: &'a Blocks,
-    directions: Vec<Direction>,
+    directions: Vec<Direction<K>>,
     /// By block: what all rays in it stand for, volume times extinction.
-    depths: Vec<f32>,
+    depths: Vec<K>,
     /// By block: share of what it sends that arrives in itself.
-    kept: Vec<f32>,
+    kept: Vec<K>,
     /// Sums that are not in use: memory that is new takes long.
     spare: Mutex<Vec<Vec<Light>>>,
 }
 
-impl<'a> Sweeps<'a> {
+impl<'a, K: Share> Sweeps<'a, K> {
     /// Directions that are swept one after the other, into the same sums.
     const IN_TURN: usize = 2;
     /// Bytes a block, at most: itself, and its sums of all directions.
-    pub const BYTES_A_BLOCK: usize = Blocks::BYTES
-        + 2 * size_of::<f32>()
-        + size_of::<Light>() * (DIRECTIONS / Self::IN_TURN + 1);
+    pub const BYTES_A_BLOCK: usize =
+        Blocks::BYTES + 2 * size_of::<K>() + size_of::<Light>() * (DIRECTIONS / Self::IN_TURN + 1);
 
     /// Bytes that the rays through a volume take, at most, without what they cross.
     pub fn bytes_for(volume: &VolumeInfo) -> u64 {
@@ -97,7 +96,7 @@ impl<'a> Sweeps<'a> {
     pub fn bytes_laid_down(blocks: u64) -> u64 {
         /// Of a block: 8 where all are of one size.
         const CROSSINGS: u64 = 24;
-        blocks.saturating_mul(CROSSINGS * size_of::<Crossing>() as u64)
+        blocks.saturating_mul(CROSSINGS * size_of::<Crossing<K>>() as u64)
     }
 
     /// The rays through a volume, and the surfaces on them. What rays cross is laid down where
@@ -125,7 +124,7 @@ impl<'a> Sweeps<'a> {
         let laid = directions.map(|(i, direction)| {
             let (rays, section) = rays(blocks, direction, 0, i);
             let mut sums = vec![Taken::default(); blocks.len()];
-            let bundles = rays.chunks(Bundle::RAYS).map(|rays| {
+            let bundles = rays.chunks(Bundle::<K>::RAYS).map(|rays| {
                 cancel.check()?;
                 Ok(Bundle::laid_down(
                     blocks,
@@ -165,12 +164,12 @@ impl<'a> Sweeps<'a> {
     }
 
     /// By block: what all rays in it stand for, volume times extinction; 0 where none passes.
-    pub fn depths(&self) -> &[f32] {
+    pub fn depths(&self) -> &[K] {
         &self.depths
     }
 
     /// By block: the share of what it sends that arrives in itself.
-    pub fn kept(&self) -> &[f32] {
+    pub fn kept(&self) -> &[K] {
         &self.kept
     }
 
@@ -242,11 +241,11 @@ impl<'a> Sweeps<'a> {
                         travel: [*direction, -*direction],
                         section,
                     };
-                    for rays in rays.chunks(Bundle::RAYS) {
+                    for rays in rays.chunks(Bundle::<K>::RAYS) {
                         cancel.check()?;
                         let walls = |ray: &Ray| walls::hiding(tracer, ray);
                         let all = Room::new(u64::MAX);
-                        let meet = |crossing: Crossing, tau: f32| {
+                        let meet = |crossing: Crossing<K>, tau: K| {
                             taken[crossing.block as usize].add(crossing, tau, 2.0 * section);
                         };
                         let bundle = Bundle::laid_down(blocks, rays, &all, walls, meet);
@@ -320,36 +319,37 @@ impl<'a> Sweeps<'a> {
 
 /// What rays are in a block and take of it.
 #[derive(Clone, Copy, Debug, Default)]
-struct Taken {
+struct Taken<K> {
     /// Volume that they stand for, times extinction.
-    depth: f32,
+    depth: K,
     /// The same of what is taken of light of 1.
-    light: f32,
+    light: K,
 }
 
-impl Taken {
-    fn add(&mut self, crossing: Crossing, tau: f32, section: f32) {
+impl<K: Share> Taken<K> {
+    fn add(&mut self, crossing: Crossing<K>, tau: K, section: f32) {
         self.depth += tau * section;
         self.light += crossing.taken * section;
     }
 
     /// The depth of all, and the share of what the block sends that arrives in itself.
-    fn of_all(all: impl Iterator<Item = Self>) -> (f32, f32) {
-        let (depth, light) = all.fold((0.0, 0.0), |(d, l), t| (d + t.depth, l + t.light));
-        let kept = if depth > 0.0 {
-            (1.0 - light / depth).max(0.0)
-        } else {
-            0.0
-        };
+    fn of_all(all: impl Iterator<Item = Self>) -> (K, K) {
+        let none = (K::default(), K::default());
+        let (depth, light) = all.fold(none, |(d, l), t| (d + t.depth, l + t.light));
+        // Of what no ray passes nothing is known.
+        let all = depth.each(|d| if d > 0.0 { 1.0 } else { 0.0 });
+        let kept = (all - light.over(depth)).each(|k| k.max(0.0));
         (depth, kept)
     }
 }
 
 /// The mean light in a block that sends this, keeps this share of it, and took the light in all sums.
-fn mean_of(sent: Light, kept: f32, depth: f32, sums: &[Vec<Light>], block: usize) -> Light {
-    if depth > 0.0 {
+fn mean_of<K: Share>(sent: Light, kept: K, depth: K, sums: &[Vec<Light>], block: usize) -> Light {
+    if depth.most() > 0.0 {
         let taken: Light = sums.iter().map(|sums| sums[block]).sum();
-        sent * kept + taken / depth
+        let depth = depth.light();
+        let arriving = Light::select(depth.cmpgt(Light::ZERO), taken / depth, Light::ZERO);
+        sent * kept.light() + arriving
     } else {
         Light::ZERO
     }
@@ -372,7 +372,7 @@ struct Sweep<'a, C> {
 
 impl<C: Carried> Sweep<'_, C> {
     /// Adds the light that blocks take from one ray and from the one against it.
-    fn ray(&self, crossings: &[Crossing], walls: &[Wall], sums: &mut [Light]) {
+    fn ray<K: Share>(&self, crossings: &[Crossing<K>], walls: &[Wall], sums: &mut [Light]) {
         let [ahead, back] =
             [0, 1].map(|way| move |light: Light| self.carried.of_surface(light, self.travel[way]));
         let [outside_ahead, outside_back] = self.outside;
@@ -394,49 +394,60 @@ impl<C: Carried> Sweep<'_, C> {
         let mut from = 0;
         for wall in walls {
             let before = wall.before as usize;
-            self.one_way::<0>(crossings[from..before].iter(), light, sums);
+            self.one_way::<K, 0>(crossings[from..before].iter(), light, sums);
             (from, light) = (before, ahead(at.sent(&wall.ahead)));
         }
-        self.one_way::<0>(crossings[from..].iter(), light, sums);
+        self.one_way::<K, 0>(crossings[from..].iter(), light, sums);
         light = back(outside_back);
         let mut to = count;
         for wall in walls.iter().rev() {
             let before = wall.before as usize;
-            self.one_way::<1>(crossings[before..to].iter().rev(), light, sums);
+            self.one_way::<K, 1>(crossings[before..to].iter().rev(), light, sums);
             (to, light) = (before, back(at.sent(&wall.back)));
         }
-        self.one_way::<1>(crossings[..to].iter().rev(), light, sums);
+        self.one_way::<K, 1>(crossings[..to].iter().rev(), light, sums);
     }
 
     /// Takes light from blocks one after the other.
     #[inline]
-    fn one_way<'c, const WAY: usize>(
+    fn one_way<'c, K: Share + 'c, const WAY: usize>(
         &self,
-        crossings: impl Iterator<Item = &'c Crossing>,
+        crossings: impl Iterator<Item = &'c Crossing<K>>,
         mut light: Light,
         sums: &mut [Light],
     ) {
         for crossing in crossings {
-            self.cross::<WAY>(crossing, &mut light, sums);
+            self.cross::<K, WAY>(crossing, &mut light, sums);
         }
     }
 
     /// The same along a ray and against it, in turn: one need not wait for the other.
     #[inline]
-    fn both_ways(&self, crossings: &[Crossing], mut light: [Light; 2], sums: &mut [Light]) {
+    fn both_ways<K: Share>(
+        &self,
+        crossings: &[Crossing<K>],
+        mut light: [Light; 2],
+        sums: &mut [Light],
+    ) {
         let [along, against] = &mut light;
         for (ahead, back) in crossings.iter().zip(crossings.iter().rev()) {
-            self.cross::<0>(ahead, along, sums);
-            self.cross::<1>(back, against, sums);
+            self.cross::<K, 0>(ahead, along, sums);
+            self.cross::<K, 1>(back, against, sums);
         }
     }
 
     #[inline]
-    fn cross<const WAY: usize>(&self, crossing: &Crossing, light: &mut Light, sums: &mut [Light]) {
+    fn cross<K: Share, const WAY: usize>(
+        &self,
+        crossing: &Crossing<K>,
+        light: &mut Light,
+        sums: &mut [Light],
+    ) {
         let &Crossing { block, taken } = crossing;
         let block = block as usize;
-        sums[block] += *light * (taken * self.section);
-        *light = *light * (1.0 - taken) + self.carried.sent(block, self.travel[WAY]) * taken;
+        sums[block] += *light * (taken * self.section).light();
+        let taken = taken.light();
+        *light = *light * (Light::ONE - taken) + self.carried.sent(block, self.travel[WAY]) * taken;
     }
 }
 
@@ -527,7 +538,8 @@ mod tests {
         let expected = plain(&blocks, &sources);
         let found = [u64::MAX, 20_000, 0].map(|room| {
             let room = Room::new(room);
-            let sweeps = Sweeps::of_walls(&blocks, walls, &room, &Cancel::default()).unwrap();
+            let sweeps =
+                Sweeps::<f32>::of_walls(&blocks, walls, &room, &Cancel::default()).unwrap();
             let means = |at| sweeps.means(&sources, &at, &Cancel::default()).unwrap();
             let _ = means(WallLight::NONE);
             means(WallLight::tree())
@@ -546,7 +558,7 @@ mod tests {
     #[test]
     fn as_much_light_goes_one_way_as_the_other() {
         let blocks = uneven(0.9);
-        let sweeps = Sweeps::alone(&blocks, &Room::new(u64::MAX));
+        let sweeps = Sweeps::<f32>::alone(&blocks, &Room::new(u64::MAX));
         let [a, b] = [1, 2].map(|key| by_chance(blocks.len(), key));
         let arrives = |from: &[Light], at: &[Light]| {
             let means = sweeps.means(from, &WallLight::NONE, &Cancel::default());

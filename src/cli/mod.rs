@@ -12,7 +12,6 @@
 mod bake;
 mod bake_options;
 mod bounce;
-mod bounces;
 mod build;
 mod compare;
 mod completions;

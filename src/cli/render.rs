@@ -1,7 +1,6 @@
 //! `lvox render`
 
 use super::bake_options::BakeOptions;
-use super::bounces;
 use super::files::{Files, check_writable};
 use super::kept::KeptTree;
 use super::mix::add_up;
@@ -118,7 +117,7 @@ impl Args {
         let bake = self.bake.settings(self.seed.seed);
         bake.check()?;
         let scene = input.load(context)?;
-        let settings = self.stages(bake, &scene, job)?;
+        let settings = self.stages(bake);
         let others = options.check_with(&scene, 0, job)?;
         job.heed_warnings()?;
         if self.planning.plan {
@@ -163,13 +162,13 @@ impl Args {
     }
 
     /// Settings of the stages before the last one.
-    fn stages(&self, bake: bake::Settings, scene: &Scene, job: &Job) -> Result<Stages> {
+    fn stages(&self, bake: bake::Settings) -> Stages {
         let usual = match self.shade.settings.lights_media() {
             true => Bounces::All,
             false => Bounces::Count(1),
         };
-        let bounces = bounces::of_scene(self.bounces, usual, scene, job)?;
-        Ok(Stages {
+        let bounces = self.bounces.unwrap_or(usual);
+        Stages {
             bake,
             build: build::Settings::default(),
             bounce: (bounces != Bounces::Count(1)).then(|| bounce::Settings {
@@ -177,7 +176,7 @@ impl Args {
                 seed: self.seed.seed,
                 ..bounce::Settings::default()
             }),
-        })
+        }
     }
 
     /// The tree that is wanted: that of the frame before, one that is kept from an earlier run, or a

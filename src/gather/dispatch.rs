@@ -1,8 +1,7 @@
 //! One choice of compiled code for a whole frame: where pages are kept, and whether there are
 //! media.
 
-use super::medium::ColoredMedia;
-use super::{Medium, NoMedia};
+use super::{ColoredMedia, Medium, NoMedia};
 use crate::tree::{Media, OpenTree, Pages, SurfelStore};
 
 /// Work on an open tree that is compiled for each kind of pages, with media and without.

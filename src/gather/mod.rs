@@ -53,7 +53,7 @@ pub(crate) use gatherer::{
     Gatherer, Incident, RayKernel, RaySettings, SampleRange, check_max_solid_angle,
 };
 pub(crate) use geometry::Geometry;
-pub(crate) use medium::{Medium, NoMedia};
+pub(crate) use medium::{ColoredMedia, Medium, NoMedia};
 pub(crate) use neighbours::{Around, DirectionOrder, SurfacePoint};
 pub(crate) use order::in_order_of_places;
 pub(crate) use patch_radiance::{

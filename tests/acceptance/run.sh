@@ -256,6 +256,7 @@ general/thin - 256x192 1.95e-3 0.010 0.08 0.004
 general/lights100 - 240x180 6.0e-3 0.28 0.094 0.003
 general/fire - 192x144 5.0e-4 0.0055 0.030 0.003
 general/neon - 224x168 1.05e-3 0.012 0.050 0.0033
+general/colored-smoke - 192x144 7.9e-4 0.075 0.065 0.0046
 ruin inside 128x96 1.9e-2 0.015 0.145 0.052
 C_novol - 256x192 1.15e-3 0.0012 0.054 0.003
 EOF

@@ -11,7 +11,7 @@ mod slurm;
 use super::files::Files;
 use super::options::{Context, Seed};
 use super::scene_input::{SceneInput, utf8};
-use super::{bounces, output, parse, progress};
+use super::{output, parse, progress};
 use crate::bounce::Bounces;
 use crate::image::ImageKind;
 use crate::run::{Frames, frames};
@@ -97,9 +97,8 @@ struct JobOptions {
     chunk: u32,
 
     /// Let light bounce and scatter so many times: `all`, or a number, with 1 as in the paper
-    /// [default: all]
-    #[arg(long, value_name = "N", value_parser = parse::bounces)]
-    bounces: Option<Bounces>,
+    #[arg(long, value_name = "N", default_value_t = Bounces::All, value_parser = parse::bounces)]
+    bounces: Bounces,
 
     /// Have every tile light the media it sees, rather than all media once
     #[arg(long)]
@@ -215,7 +214,6 @@ impl JobOptions {
         }
         self.check_output(frames, &scene)?;
         let scatters = !self.no_scatter && scene.volumes.iter().any(|v| v.phase.is_isotropic());
-        let bounces = bounces::of_scene(self.bounces, Bounces::All, &scene, &context.job)?;
         let plan = Plan {
             name: scene.name.clone(),
             scene: self.scene.words()?,
@@ -225,7 +223,7 @@ impl JobOptions {
             tiles: self.tiles,
             parts: self.parts,
             chunk: self.chunk,
-            bounces,
+            bounces: self.bounces,
             scatters,
             folder: utf8("--folder", &self.folder)?,
             output: utf8("--output", &self.output)?,

@@ -16,7 +16,7 @@ else
 fi
 if [ $# -eq 0 ]; then
     set -- curved lights100 volumes thin outdoor studio tree fire neon lens colored-smoke K_full thin_full fire_full \
-        neon_full lights100_full ruin_full C_novol_full
+        neon_full colored-smoke_full lights100_full ruin_full C_novol_full
 fi
 scenes=tests/acceptance/scenes
 
