@@ -53,7 +53,7 @@ impl Surroundings<'_> {
     /// Sum over quarters in a row, from `first` on, of the radiance of surfaces through what is
     /// before them.
     #[must_use]
-    pub fn radiance_through(&self, first: u32, transmittances: &[f32]) -> Rgb {
+    pub fn radiance_through<K: Spectrum>(&self, first: u32, transmittances: &[K]) -> Rgb {
         let mut sum = Rgb::BLACK;
         for (probe, weight) in &self.0 {
             let Some(probe) = probe else {
@@ -62,7 +62,7 @@ impl Surroundings<'_> {
             let mut light = Rgb::BLACK;
             let quarters = &probe.quarters[first as usize..];
             for (quarter, through) in quarters.iter().zip(transmittances) {
-                light += quarter.radiance * *through;
+                light += through.filter(quarter.radiance);
             }
             sum += light * *weight;
         }

@@ -7,9 +7,9 @@ use super::spacing::LeastSpacing;
 use super::sweep::{Sweep, SweepScope};
 use super::vertices::BORDER_MARGIN_VOXELS;
 use crate::Kind;
-use crate::gather::{self, Gatherer, Geometry, Medium, NoMedia, PatchRadiance};
+use crate::gather::{self, ColoredMedia, Gatherer, Geometry, Medium, NoMedia, PatchRadiance};
 use crate::image::Region;
-use crate::light::Lights;
+use crate::light::{Lights, SceneMedia};
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Hit, Ray, Rgb, sampling};
 use crate::run::{Cancel, Job};
@@ -151,11 +151,11 @@ fn with_haze<M: Medium<Share = f32>, T>(
 }
 
 /// The same in any scene.
-fn with<M: Medium<Share = f32>, T>(
+fn with<M: Medium, T>(
     scene: &Scene,
     around: &Shell,
     media: M,
-    run: impl FnOnce(&View, &Lights, &Gatherer<NoPages, M>) -> T,
+    run: impl FnOnce(&View, &Lights<SceneMedia<M::Share>>, &Gatherer<NoPages, M>) -> T,
 ) -> T {
     let tracer = Tracer::new(scene);
     let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
@@ -411,6 +411,12 @@ fn lit([x, ..]: [u16; 3]) -> f32 {
 
 /// Swept light from the lit face of the haze inwards, along the middle, and the same by many rays.
 fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
+    let media = media_of(scene, lvoxels);
+    let found = swept_and_exact_in(scene, &media).into_iter();
+    found.map(|light| light.map(|l| l.0[0])).collect()
+}
+
+fn media_of(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Media {
     let infos: Vec<VolumeInfo> = scene
         .volumes
         .iter()
@@ -422,10 +428,14 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
             extinction_color: volume.extinction_color,
         })
         .collect();
+    Media::new(&infos, lvoxels)
+}
+
+/// The same in all channels.
+fn swept_and_exact_in<M: Medium>(scene: &Scene, media: M) -> Vec<[Rgb; 2]> {
     let volume = &scene.volumes[0];
-    let media = Media::new(&infos, lvoxels);
     let (far, job) = (Shell::at(f32::INFINITY), Job::default());
-    with(scene, &far, &media, |view, _, gatherer| {
+    with(scene, &far, media, |view, _, gatherer| {
         let far_field = FarField::new(volume, 64, 1);
         let scope = SweepScope {
             view,
@@ -443,14 +453,14 @@ fn swept_and_exact(scene: &Scene, lvoxels: Vec<Lvoxel>) -> Vec<[f32; 2]> {
             let p =
                 Vec3::new(4.0 * x as f32, 8.0, 8.0).clamp(Vec3::splat(0.01), Vec3::splat(15.99));
             let origin = volume.scene_from_index.transform_point3(p.as_dvec3());
-            let mut exact = 0.0;
+            let mut exact = Rgb::BLACK;
             for i in 0..4000 {
                 let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
                 let mut light = Composite::default();
-                (&media).pass(&Ray::endless(origin.as_vec3(), direction), &[], &mut light);
-                exact += light.radiance.0[0] / 4000.0;
+                media.pass(&Ray::endless(origin.as_vec3(), direction), &[], &mut light);
+                exact += light.radiance * (1.0 / 4000.0);
             }
-            [sweep.get(level, [x, 2, 2]).unwrap().0[0], exact]
+            [sweep.get(level, [x, 2, 2]).unwrap(), exact]
         };
         (0..=4).map(along).collect()
     })
@@ -493,12 +503,27 @@ fn light_of_a_volume_beside_another_is_swept_into_it() {
     scene.volumes.push(bright);
     let both = [lvoxels(0, |_| 0.0), lvoxels(1, |_| 1.0)].concat();
     // Where little of it is left, a few directions tell it roughly.
-    let mut sums = [0.0; 2];
-    for [swept, exact] in swept_and_exact(&scene, both) {
-        sums = [sums[0] + swept, sums[1] + exact];
+    let sums = |found: Vec<[Rgb; 2]>| {
+        let sum = |i: usize| found.iter().fold(Rgb::BLACK, |sum, light| sum + light[i]);
+        [sum(0), sum(1)]
+    };
+    let grey = sums(swept_and_exact_in(&scene, &media_of(&scene, both.clone())));
+    for (volume, color) in (scene.volumes.iter_mut()).zip([[1.0, 0.5, 0.2], [0.3, 1.0, 1.0]]) {
+        volume.extinction_color = color;
     }
-    let [swept, exact] = sums;
-    assert!((swept / exact - 1.0).abs() < 0.1, "{swept} {exact}");
+    let media = media_of(&scene, both);
+    let colored = sums(swept_and_exact_in(&scene, ColoredMedia(&media)));
+    for [swept, exact] in [grey, colored] {
+        for (swept, exact) in swept.0.into_iter().zip(exact.0) {
+            assert!((swept / exact - 1.0).abs() < 0.1, "{swept} {exact}");
+        }
+    }
+    // The channels that the dark medium lets through are brighter in it.
+    let [_, exact] = colored;
+    assert!(
+        exact.0[1] > 1.2 * exact.0[0] && exact.0[2] > 1.1 * exact.0[1],
+        "{exact:?}"
+    );
 }
 
 /// Lights all of the haze beforehand.

@@ -8,6 +8,7 @@
 //! | `color` | linear RGB |
 //! | `blackbody` | the light of a black body |
 //! | `spectrum` | optical depths and shares of light, of all channels or of each |
+//! | `lanes` | light and shares of light that are summed together |
 //! | `segment` | emission and absorption along a ray, front to back |
 //! | `dda` | a ray through a regular grid of boxes |
 //! | `ray_lattice` | parallel rays through a regular grid |
@@ -29,6 +30,7 @@ pub mod distribution;
 pub mod exp;
 mod hit;
 mod index;
+pub mod lanes;
 pub mod magnitude;
 mod phase;
 pub mod polygon;

@@ -3,8 +3,10 @@
 
 use super::Rgb;
 use super::exp::exp_neg_and_rest;
+use super::lanes::{ColoredLanes, Lanes};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Mul, Sub};
+use wide::f32x4;
 
 /// One number for all channels of light, or one for each: an optical depth, or a share of light.
 pub trait Spectrum:
@@ -22,6 +24,9 @@ pub trait Spectrum:
 {
     /// Whether it is one number for all channels.
     const IS_GREY: bool;
+
+    /// Light together with such a share of other light.
+    type Lanes: Lanes<Share = Self>;
 
     /// The same number for all channels.
     fn splat(value: f32) -> Self;
@@ -87,6 +92,7 @@ pub trait Spectrum:
 
 impl Spectrum for f32 {
     const IS_GREY: bool = true;
+    type Lanes = f32x4;
 
     #[inline]
     fn splat(value: f32) -> Self {
@@ -156,6 +162,7 @@ impl Spectrum for f32 {
 
 impl Spectrum for Rgb {
     const IS_GREY: bool = false;
+    type Lanes = ColoredLanes;
 
     #[inline]
     fn splat(value: f32) -> Self {

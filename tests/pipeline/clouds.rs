@@ -11,11 +11,16 @@ use std::collections::BTreeMap;
 
 /// A cloud of waves in a cube of edge 2 of so many voxels along each axis, and a camera before it.
 fn cloud(voxels: usize) -> Scene {
+    colored_cloud(voxels, 12.0, [1.0; 3])
+}
+
+/// The same with such an extinction where it is densest, and of each channel over that.
+fn colored_cloud(voxels: usize, densest: f32, color: [f32; 3]) -> Scene {
     let density = |v: [usize; 3]| {
         let p = v.map(|i| (i as f32 + 0.5) / voxels as f32 * 2.0 - 1.0);
         let [x, y, z] = p.map(|c| (9.0 * c).sin());
         let squares: f32 = p.iter().map(|c| c * c).sum();
-        12.0 * (0.5 + x * y + y * z + z * x).clamp(0.0, 1.0) * (1.0 - squares).max(0.0)
+        densest * (0.5 + x * y + y * z + z * x).clamp(0.0, 1.0) * (1.0 - squares).max(0.0)
     };
     let place = DAffine3::from_translation(DVec3::splat(-1.0))
         * DAffine3::from_scale(DVec3::splat(2.0 / voxels as f64));
@@ -24,7 +29,8 @@ fn cloud(voxels: usize) -> Scene {
         Grid::from_fn([voxels; 3], density),
         [0.99; 3],
         place,
-    );
+    )
+    .extinction_color(color);
     let camera = CameraInput::look_at("front", [0.0, 0.3, 4.0], [0.0; 3], [0.0, 1.0, 0.0], 0.7);
     let film = Film {
         width: 64,
@@ -83,10 +89,15 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
 /// part is shaded, on however many threads.
 #[test]
 fn a_part_of_a_cloud_has_the_bits_of_the_whole() {
-    let scene = cloud(128);
+    for scene in [cloud(128), colored_cloud(128, 12.0, COLOR)] {
+        check_part(&scene);
+    }
+}
+
+fn check_part(scene: &Scene) {
     let work = Work::new("");
-    let tree = OpenTree::open(&work.bake(&scene, 1), None).unwrap();
-    let (whole, _) = with_threads(1, || shaded(&scene, &tree, Region::full(64, 48)));
+    let tree = OpenTree::open(&work.bake(scene, 1), None).unwrap();
+    let (whole, _) = with_threads(1, || shaded(scene, &tree, Region::full(64, 48)));
     let whole = beauty(&whole);
     let part = Region {
         x0: 20,
@@ -94,9 +105,42 @@ fn a_part_of_a_cloud_has_the_bits_of_the_whole() {
         x1: 43,
         y1: 30,
     };
-    let (tile, _) = with_threads(4, || shaded(&scene, &tree, part));
+    let (tile, _) = with_threads(4, || shaded(scene, &tree, part));
     for (i, pixel) in beauty(&tile).iter().enumerate() {
         let (x, y) = (20 + i % 23, 11 + i / 23);
         assert_eq!(*pixel, whole[y * 64 + x], "{x} {y}");
+    }
+}
+
+/// Extinction by channel of a cloud that stops red most.
+const COLOR: [f32; 3] = [1.0, 0.5, 0.2];
+
+/// A cloud of colour is swept on the vertices and cells of a grey one, and each of its channels is
+/// that of a grey cloud of such an extinction.
+#[test]
+fn a_cloud_of_colour_is_swept_to_the_channels_of_grey_ones() {
+    let frame = |scene: Scene| {
+        let work = Work::new("");
+        let tree = OpenTree::open(&work.bake(&scene, 1), None).unwrap();
+        let (frame, counts) = shaded(&scene, &tree, Region::full(64, 48));
+        (beauty(&frame), counts)
+    };
+    let (colored, counts) = frame(colored_cloud(128, 12.0, COLOR));
+    for (c, of_channel) in COLOR.into_iter().enumerate() {
+        let (grey, grey_counts) = frame(colored_cloud(128, 12.0 * of_channel, [1.0; 3]));
+        if c == 0 {
+            for name in ["media_vertices_swept", "cells_swept"] {
+                let [found, of_grey] = [&counts, &grey_counts].map(|counts| counts[name]);
+                assert!(found == of_grey && found > 0.0, "{name}: {found} {of_grey}");
+            }
+        }
+        let channel = |pixels: &[[f32; 3]]| pixels.iter().map(|p| [p[c]; 3]).collect::<Vec<_>>();
+        let (found, expected) = (channel(&colored), channel(&grey));
+        let brighter = mean(&found) / mean(&expected) - 1.0;
+        let difference = relative_rms(&found, &expected);
+        assert!(
+            brighter.abs() < 0.005 && difference < 0.03,
+            "{c}: {brighter} {difference}"
+        );
     }
 }

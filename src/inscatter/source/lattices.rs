@@ -12,7 +12,6 @@ use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
 use crate::inscatter::vertices::Vertices;
 use crate::light::{Lights, SceneMedia};
-use crate::math::Spectrum;
 use crate::math::{Rgb, sampling};
 use crate::run::Job;
 use crate::tree::IncidentGrid;
@@ -111,9 +110,7 @@ impl<'a> VolumeLattices<'a> {
         let sweeper = (light.gatherer)
             .filter(|g| g.settings().max_dist.is_infinite())
             .filter(|_| volume.phase.is_isotropic() || !is_for_all_cameras)
-            .filter(|_| !lvoxels_tell_all)
-            // Sweeps carry one transmittance for all channels.
-            .filter(|_| G::Share::IS_GREY);
+            .filter(|_| !lvoxels_tell_all);
         // What was made for all cameras does not know where this one is.
         let scattered = (light.scattered).filter(|_| volume.phase.is_isotropic());
         let (scattered, sweep) = match (scattered, sweeper) {

@@ -5,8 +5,9 @@ use crate::gather::LvoxelBlock;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::sparse::SparseLattice;
 use crate::math::exp::exp_neg_in_place;
+use crate::math::lanes::Lanes;
 use crate::math::ray_lattice::RayLattice;
-use crate::math::unflatten;
+use crate::math::{Rgb, Spectrum, unflatten};
 use crate::scene::Volume;
 use crate::tree::media::in_lobe;
 use glam::Vec3;
@@ -19,8 +20,10 @@ pub struct SourceCells {
     edge: usize,
     /// Cells along x, y and z.
     dims: [usize; 3],
-    /// Radiance that is scattered per length, and extinction, x fastest.
+    /// Radiance that is scattered per length, and extinction of the densest channel, x fastest.
     cells: Vec<f32x4>,
+    /// Extinction by channel, of that.
+    color: f32x4,
     /// Mean directions in which the light of cells leaves; none if it leaves in all alike.
     lobes: Vec<Vec3>,
 }
@@ -98,8 +101,9 @@ impl SourceCells {
         let has_lobes = !volume.phase.is_isotropic();
         let mut lobes = vec![Vec3::ZERO; if has_lobes { cells.len() } else { 0 }];
         let per_cell = 1.0 / own_edge.pow(3) as f32;
+        let color = Rgb(volume.extinction_color);
         gatherer.each_lvoxel(0, &mut |block: LvoxelBlock| {
-            let [r, g, b] = (block.source * block.sigma_t).0;
+            let [r, g, b] = (block.source * block.sigma_t * color).0;
             let value = f32x4::new([r, g, b, block.sigma_t]);
             let first = block.first.map(|v| v / own_edge);
             let across = block.edge.div_ceil(own_edge);
@@ -125,6 +129,7 @@ impl SourceCells {
             edge,
             dims,
             cells,
+            color: f32x4::new([color.0[0], color.0[1], color.0[2], 0.0]),
             lobes,
         })
     }
@@ -211,8 +216,12 @@ impl SourceLayers<'_> {
     ///
     /// Rays stand a cell apart, each from end to end, so that what one brings does not depend on
     /// which others there are.
-    pub fn pass(&self, rays: &RayLattice, sets: &[VertexLayers]) -> (Vec<Vec<Arriving>>, u64) {
-        let mut arriving: Vec<Vec<Arriving>> = (sets.iter())
+    pub fn pass<K: Spectrum>(
+        &self,
+        rays: &RayLattice,
+        sets: &[VertexLayers],
+    ) -> (Vec<Vec<Arriving<K>>>, u64) {
+        let mut arriving: Vec<Vec<Arriving<K>>> = (sets.iter())
             .map(|set| vec![Arriving::default(); set.vertices.len()])
             .collect();
         let filled = || sets.iter().filter(|set| !set.vertices.is_empty());
@@ -249,7 +258,12 @@ impl SourceLayers<'_> {
     }
 
     /// Takes the rays through a layer of cells.
-    fn pass_layer(&self, layer: usize, rays: &RayLattice, state: &mut State) -> u64 {
+    fn pass_layer<K: Spectrum>(
+        &self,
+        layer: usize,
+        rays: &RayLattice,
+        state: &mut State<K>,
+    ) -> u64 {
         let [(first_column, width), (first_row, _)] = state.extent;
         // Where rays pass the middle of the layer, from the middles of cells: by that of ray 0, as
         // rounding would tell which ray is the first.
@@ -291,7 +305,7 @@ impl SourceLayers<'_> {
             for (lower, upper) in four {
                 let sum = lower[0] * w00 + lower[1] * w10 + (upper[0] * w01 + upper[1] * w11);
                 emitted.push(sum);
-                depths.push(sum.to_array()[3]);
+                K::Lanes::add_depth(depths, sum.to_array()[3], self.of.color);
             }
             through.clone_from(depths);
             exp_neg_in_place(through);
@@ -304,9 +318,10 @@ impl SourceLayers<'_> {
             }
             let light = &mut light[start as usize..end as usize];
             let rays = light.iter_mut().zip(emitted.iter());
-            for ((light, emitted), (left, through)) in rays.zip(depths.iter().zip(through.iter())) {
-                let left = f32x4::new([*left, *left, *left, 0.0]);
-                *light = *light * f32x4::splat(*through) + *emitted * left;
+            let left = depths.chunks_exact(K::Lanes::DEPTHS);
+            let through = through.chunks_exact(K::Lanes::DEPTHS);
+            for ((light, emitted), (left, through)) in rays.zip(left.zip(through)) {
+                light.pass(*emitted, left, through);
             }
             passed += emitted.len() as u64;
         }
@@ -332,31 +347,30 @@ impl SourceLayers<'_> {
 }
 
 /// Rays of one direction on their way.
-struct State {
+struct State<K: Spectrum> {
     /// First ray and number of rays along both axes across.
     extent: [(i32, usize); 2],
     /// Radiance and transmittance of each ray, row by row.
-    light: Vec<f32x4>,
+    light: Vec<K::Lanes>,
     emitted: Vec<f32x4>,
     depths: Vec<f32>,
     through: Vec<f32>,
 }
 
-impl State {
+impl<K: Spectrum> State<K> {
     fn new(extent: [(i32, usize); 2]) -> Self {
         let [(_, width), (_, rows)] = extent;
-        let none_yet = f32x4::new([0.0, 0.0, 0.0, 1.0]);
         Self {
             extent,
-            light: vec![none_yet; width * rows],
+            light: vec![Arriving::<K>::none_yet().lanes(); width * rows],
             emitted: Vec::with_capacity(width),
-            depths: Vec::with_capacity(width),
-            through: Vec::with_capacity(width),
+            depths: Vec::with_capacity(K::Lanes::DEPTHS * width),
+            through: Vec::with_capacity(K::Lanes::DEPTHS * width),
         }
     }
 
     /// What arrives at the vertices of a plane.
-    fn arrive(&self, taps: &Taps, vertices: &[([u32; 2], u32)], arriving: &mut [Arriving]) {
+    fn arrive(&self, taps: &Taps, vertices: &[([u32; 2], u32)], arriving: &mut [Arriving<K>]) {
         let [(first_column, width), (first_row, _)] = self.extent;
         for &([x, y], i) in vertices {
             let [column, row] = taps.first_rays([x, y].map(|c| c as i32));
@@ -369,231 +383,4 @@ impl State {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::Rgb;
-    use crate::math::sampling;
-    use crate::scene::Grid;
-    use glam::DAffine3;
-
-    /// Cells of noise, some of them empty.
-    fn noise(dims: [usize; 3]) -> SourceCells {
-        let cell = |i: usize| {
-            let unit = |c: u64| sampling::unit(sampling::hash(&[i as u64, c]));
-            let is_empty = unit(0) < 0.4 || i % dims[0] == 3;
-            let sigma_t = if is_empty { 0.0 } else { unit(1) };
-            f32x4::new([unit(2) * sigma_t, sigma_t, unit(3) * sigma_t, sigma_t])
-        };
-        SourceCells {
-            edge: 2,
-            dims,
-            cells: (0..dims.iter().product()).map(cell).collect(),
-            lobes: Vec::new(),
-        }
-    }
-
-    /// The same as [`SourceLayers::pass`] for one ray, which has passed all layers.
-    fn plain(cells: &SourceCells, rays: &RayLattice, ray: [f32; 2], end: usize) -> [f32; 4] {
-        let count = cells.dims[rays.axes[0]];
-        let mut light = [0.0, 0.0, 0.0, 1.0];
-        let steps = if rays.upwards { count - end } else { end };
-        for step in 0..steps {
-            let layer = if rays.upwards { count - 1 - step } else { step };
-            let at = rays.across(ray, layer as f32 + 0.5);
-            let mut sum = [0.0; 4];
-            for (u, w) in (-1..=1).flat_map(|u| (-1..=1).map(move |w| (u, w))) {
-                let cell = [at[0].floor() as i32 + u, at[1].floor() as i32 + w];
-                let weight = |a: usize| 1.0 - (at[a] - cell[a] as f32 - 0.5).abs();
-                let mut place = [0; 3];
-                place[rays.axes[0]] = layer as i32;
-                place[rays.axes[1]] = cell[0];
-                place[rays.axes[2]] = cell[1];
-                let inside = (0..3).all(|a| (0..cells.dims[a] as i32).contains(&place[a]));
-                if inside && weight(0) > 0.0 && weight(1) > 0.0 {
-                    let [x, y, z] = place.map(|c| c as usize);
-                    let i = (z * cells.dims[1] + y) * cells.dims[0] + x;
-                    for (sum, value) in sum.iter_mut().zip(cells.cells[i].to_array()) {
-                        *sum += f64::from(value * weight(0) * weight(1));
-                    }
-                }
-            }
-            let depth = sum[3] * f64::from(rays.between);
-            if depth > 0.0 {
-                for c in 0..3 {
-                    light[c] = light[c] * (-depth).exp() + sum[c] / sum[3] * -(-depth).exp_m1();
-                }
-                light[3] *= (-depth).exp();
-            }
-        }
-        light.map(|v| v as f32)
-    }
-
-    #[test]
-    fn layers_bring_what_each_ray_does_by_itself() {
-        let cells = noise([12, 9, 10]);
-        for direction in [
-            Vec3::new(0.9, 0.3, -0.2),
-            Vec3::new(0.5, -2.0, 0.7),
-            Vec3::new(-0.1, 0.4, -3.0),
-            Vec3::new(0.0, 0.0, 1.0),
-        ] {
-            let rays = cells.lattice(direction);
-            let layers = cells.layers(rays.axes, Vec3::ZERO);
-            for (step, every) in [(2, 1), (4, 1), (2, 7)] {
-                let count = cells.dims.map(|n| n / (step / 2) + 1);
-                let set = SparseLattice::new(count, |choose| {
-                    let all = (0..count.iter().product()).map(|i| unflatten(i, count));
-                    let chosen = |v: &[usize; 3]| (v[0] * 5 + v[1] + v[2]).is_multiple_of(every);
-                    all.filter(chosen).for_each(choose);
-                });
-                let vertices = VertexLayers::new(&set, step, &cells, rays.axes);
-                let (arriving, passed) = layers.pass(&rays, &[vertices]);
-                assert!(passed > 0);
-                for (v, found) in set.vertices().zip(&arriving[0]) {
-                    let place = rays.axes.map(|a| v[a] * step / 2);
-                    let taps = Taps::new(&rays, place[0]);
-                    let first = taps.first_rays([place[1] as i32, place[2] as i32]);
-                    let ray = |k: usize, i: usize| {
-                        let ray = [first[0] + i as i32, first[1] + k as i32].map(|c| c as f32);
-                        f32x4::new(plain(&cells, &rays, ray, place[0]))
-                    };
-                    let rows: [[f32x4; TAPS]; TAPS] =
-                        std::array::from_fn(|k| std::array::from_fn(|i| ray(k, i)));
-                    let expected = taps.between([0, 1, 2, 3].map(|k| &rows[k][..]));
-                    let off = (0..3)
-                        .map(|c| (found.radiance.0[c] - expected.radiance.0[c]).abs())
-                        .fold(
-                            (found.transmittance - expected.transmittance).abs(),
-                            f32::max,
-                        );
-                    assert!(off < 2e-5, "{direction} {v:?} {found:?} {expected:?}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn what_arrives_at_a_vertex_does_not_depend_on_others() {
-        let cells = noise([60, 37, 41]);
-        let count = cells.dims.map(|n| n + 1);
-        // All vertices, and those in a corner that is far from the first.
-        let sets = [[0; 3], [43, 21, 29]].map(|least| {
-            SparseLattice::new(count, |choose| {
-                let all = (0..count.iter().product()).map(|i| unflatten(i, count));
-                let chosen = |v: &[usize; 3]| (0..3).all(|a| v[a] >= least[a]);
-                all.filter(chosen).for_each(choose);
-            })
-        });
-        for direction in [[0.9, 0.3, -0.2], [0.5, -2.0, 0.7], [-0.1, 0.41, -3.0]].map(Vec3::from) {
-            let rays = cells.lattice(direction);
-            let layers = cells.layers(rays.axes, Vec3::ZERO);
-            let [all, few] = sets.each_ref().map(|set| {
-                let vertices = VertexLayers::new(set, 2, &cells, rays.axes);
-                let (mut arriving, _) = layers.pass(&rays, &[vertices]);
-                let bits =
-                    |a: Arriving| (a.radiance.0.map(f32::to_bits), a.transmittance.to_bits());
-                let arriving = arriving.remove(0).into_iter().map(bits);
-                set.vertices().zip(arriving).collect::<Vec<_>>()
-            });
-            let all: std::collections::BTreeMap<_, _> = all.into_iter().collect();
-            assert!(few.iter().all(|(v, bits)| all[v] == *bits), "{direction}");
-        }
-    }
-
-    /// Tells lvoxels, and nothing else.
-    struct Lvoxels {
-        dims: [usize; 3],
-        blocks: Vec<LvoxelBlock>,
-    }
-
-    impl GatherInMedia for Lvoxels {
-        type Share = f32;
-
-        fn settings(&self) -> &crate::gather::RaySettings<'_> {
-            unreachable!()
-        }
-
-        fn scattered(
-            &self,
-            _: Vec3,
-            _: crate::gather::SampleRange,
-            _: Option<crate::math::SeenPhase>,
-        ) -> crate::gather::Gathered {
-            unreachable!()
-        }
-
-        fn incident_from_surfaces(
-            &self,
-            _: &crate::math::Ray,
-            _: &mut crate::gather::cone::Scratch,
-        ) -> crate::gather::Incident {
-            unreachable!()
-        }
-
-        fn walk(
-            &self,
-            _: &crate::math::Ray,
-            _: &mut impl FnMut(crate::math::segment::Segment) -> bool,
-        ) -> bool {
-            unreachable!()
-        }
-
-        fn pass(&self, _: &crate::math::Ray, _: &mut crate::math::segment::Composite) -> u64 {
-            unreachable!()
-        }
-
-        fn lvoxel_dims(&self, _: usize) -> Option<[usize; 3]> {
-            Some(self.dims)
-        }
-
-        fn each_lvoxel(&self, _: usize, take: &mut impl FnMut(LvoxelBlock)) {
-            self.blocks.iter().for_each(|b| take(*b));
-        }
-    }
-
-    #[test]
-    fn cells_hold_what_their_lvoxels_do_on_whatever_level_the_volume_is() {
-        let block = |first: [usize; 3], edge: usize, sigma_t: f32| LvoxelBlock {
-            first,
-            edge,
-            sigma_t,
-            source: Rgb([2.0, 1.0, 0.5]),
-            lobe: [0; 3],
-        };
-        let lvoxels = Lvoxels {
-            dims: [256, 200, 170],
-            blocks: vec![
-                block([0; 3], 1, 8.0),
-                block([1, 0, 0], 1, 8.0),
-                block([8, 16, 24], 8, 3.0),
-                block([252, 196, 168], 2, 16.0),
-            ],
-        };
-        let volume = Volume::new(
-            "cloud".into(),
-            Grid::from_fn(lvoxels.dims, |_| 1.0),
-            [0.9; 3],
-            DAffine3::IDENTITY,
-        );
-        let depth = |cells: &SourceCells, at: [usize; 3]| {
-            let i = (at[2] * cells.dims[1] + at[1]) * cells.dims[0] + at[0];
-            cells.cells[i].to_array()
-        };
-        // Cells of two voxels an edge, which are four of the finest on the other level.
-        let finest = SourceCells::new(&lvoxels, &volume, 8).unwrap();
-        assert_eq!((finest.edge, finest.dims), (2, [128, 100, 88]));
-        assert_eq!(depth(&finest, [0; 3]), [4.0, 2.0, 1.0, 2.0]);
-        assert_eq!(depth(&finest, [4, 8, 12]), [6.0, 3.0, 1.5, 3.0]);
-        assert_eq!(depth(&finest, [7, 11, 15]), [6.0, 3.0, 1.5, 3.0]);
-        assert_eq!(depth(&finest, [8, 11, 15]), [0.0; 4]);
-        assert_eq!(depth(&finest, [126, 98, 84])[3], 16.0);
-        let coarser = SourceCells::new(&lvoxels, &volume.at_level(1), 2).unwrap();
-        assert_eq!((coarser.edge, coarser.dims), (1, [128, 100, 86]));
-        assert_eq!(depth(&coarser, [0; 3])[3], 2.0);
-        let other = Lvoxels {
-            dims: [100; 3],
-            ..lvoxels
-        };
-        assert!(SourceCells::new(&other, &volume, 8).is_none());
-    }
-}
+mod tests;

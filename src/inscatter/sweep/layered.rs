@@ -10,8 +10,8 @@ use crate::inscatter::counts;
 use crate::inscatter::far_field::Surroundings;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::sparse::{SparseLattice, SparseValues};
-use crate::math::Rgb;
 use crate::math::ray_lattice::RayLattice;
+use crate::math::{Rgb, Spectrum};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -48,7 +48,7 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
 
     /// Bytes that sweeping sets of so many vertices in all takes.
     pub fn bytes(scope: &SweepScope<G>, coarsest: usize, vertices: u64) -> u64 {
-        let held = Self::DIRECTIONS_TOGETHER * size_of::<Arriving>();
+        let held = Self::DIRECTIONS_TOGETHER * size_of::<Arriving<G::Share>>();
         let a_vertex =
             size_of::<Option<Surroundings>>() + size_of::<Rgb>() + size_of::<Look>() + held;
         SourceCells::bytes(scope.volume, coarsest, Self::DIRECTIONS_TOGETHER)
@@ -120,7 +120,7 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
         layers: Option<&SourceLayers>,
         lattices: &[&(u32, RayLattice)],
         vertices: &[VertexLayers],
-    ) -> Result<Vec<Vec<Vec<Arriving>>>> {
+    ) -> Result<Vec<Vec<Vec<Arriving<G::Share>>>>> {
         let passed = lattices.par_iter().map(|(q, rays)| {
             self.scope.job.cancel.check()?;
             let (arriving, passed) = match layers {
@@ -159,11 +159,11 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
 }
 
 /// Adds what arrives in a quarter of a cell of the far field, as much of it as a vertex scatters.
-fn add(
+fn add<K: Spectrum>(
     sums: &mut [Rgb],
     surroundings: &[Option<Surroundings>],
     quarter: u32,
-    arriving: &[Arriving],
+    arriving: &[Arriving<K>],
     weight: impl Fn(usize) -> f32 + Sync,
 ) {
     let all = sums.par_iter_mut().zip(surroundings).zip(arriving);

@@ -24,8 +24,7 @@ use super::spacing::LeastSpacing;
 use super::sparse::{SparseLattice, SparseValues};
 use super::{memory, occupied};
 use crate::Result;
-use crate::math::segment::Segment;
-use crate::math::{Aabb, Ray, Rgb};
+use crate::math::{Aabb, Ray, Rgb, Spectrum};
 use crate::run::Job;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
@@ -161,7 +160,8 @@ impl Sweep {
         let by_rays = by_rays.filter_map(|(level, set)| {
             let set = set.as_ref()?;
             let rays = LevelSweep::bytes_of_rays(scope, set, 1 << level);
-            Some(rays.saturating_add(LevelSweep::SWEPT * set.len() as u64))
+            let a_vertex = LevelSweep::bytes_of_vertex::<G::Share>();
+            Some(rays.saturating_add(a_vertex * set.len() as u64))
         });
         let by_layers = match in_layers {
             0 => 0,
@@ -248,14 +248,15 @@ impl Sweep {
 }
 
 impl LevelSweep {
-    /// Bytes a vertex that are kept, and those that its level takes while it is swept.
+    /// Bytes a vertex that are kept.
     const BYTES_A_VERTEX: u64 = size_of::<Option<Rgb>>() as u64;
-    const SWEPT: u64 = (size_of::<[usize; 3]>()
-        + size_of::<Option<Surroundings>>()
-        + size_of::<Rgb>()
-        + size_of::<Option<Look>>()
-        + Sweep::DIRECTIONS_TOGETHER as usize * size_of::<Arriving>())
-        as u64;
+
+    /// Those that a vertex takes while its level is swept.
+    fn bytes_of_vertex<K>() -> u64 {
+        let arriving = Sweep::DIRECTIONS_TOGETHER as usize * size_of::<Arriving<K>>();
+        let around = size_of::<Option<Surroundings>>() + size_of::<Option<Look>>();
+        (size_of::<[usize; 3]>() + around + size_of::<Rgb>() + arriving) as u64
+    }
 
     /// Bytes that rays take while a batch of directions is swept, whatever the number of threads:
     /// little of a volume may be needed, but rays pass all between its ends.
@@ -295,7 +296,7 @@ impl LevelSweep {
         let directions = scope.far_field.quarters();
         for first in (0..directions).step_by(Sweep::DIRECTIONS_TOGETHER as usize) {
             let batch = first..(first + Sweep::DIRECTIONS_TOGETHER).min(directions);
-            let arriving: Vec<Vec<Arriving>> = batch
+            let arriving: Vec<Vec<Arriving<G::Share>>> = batch
                 .clone()
                 .into_par_iter()
                 .map(|q| {
@@ -304,7 +305,7 @@ impl LevelSweep {
                 .collect::<Result<_>>()?;
             sums.par_iter_mut().enumerate().for_each(|(i, sum)| {
                 if let Some(around) = &surroundings[i] {
-                    let mut through = [0.0; Sweep::DIRECTIONS_TOGETHER as usize];
+                    let mut through = [G::Share::default(); Sweep::DIRECTIONS_TOGETHER as usize];
                     for ((through, arriving), q) in through.iter_mut().zip(&arriving).zip(first..) {
                         let a = &arriving[i];
                         let weight = scope.weight(weights.as_ref(), looks.get(i), q);
@@ -343,9 +344,11 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
             return false;
         };
         let grid = &self.volume.sigma_t;
+        // In the clearest channel.
         let across = BRICK_CELLS as f32 * self.volume.longest_voxel_edge();
         let mut bricks = grid.bricks().filter_map(|b| grid.brick(b));
-        bricks.any(|brick| brick.max * across >= Self::OPAQUE_DEPTH)
+        let clearest = self.volume.clearest();
+        bricks.any(|brick| brick.max * across * clearest >= Self::OPAQUE_DEPTH)
     }
 
     /// Whether a brick of the volume, which may be opaque, matters.
@@ -371,14 +374,15 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
             if distance == 0.0 {
                 return false;
             }
-            let mut depth = 0.0;
+            let mut depth = G::Share::default();
             let ray = Ray::new(camera, way / distance, distance);
             let nothing = |_, _, _| Rgb::BLACK;
-            self.view.tracer.march(&ray, nothing, |s: Segment| {
+            let is_clear = |depth: G::Share| depth.least() < Self::OPAQUE_DEPTH;
+            self.view.tracer.march(&ray, nothing, |s| {
                 depth += s.tau;
-                depth < Self::OPAQUE_DEPTH
+                is_clear(depth)
             });
-            depth >= Self::OPAQUE_DEPTH
+            !is_clear(depth)
         })
     }
 

@@ -6,7 +6,6 @@ use crate::Result;
 use crate::inscatter::counts;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::sparse::SparseLattice;
-use crate::math::exp::exp_neg_and_rest;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::segment::Segment;
 use crate::math::{Ray, Rgb, Spectrum};
@@ -49,14 +48,14 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
 
     /// Bytes that passing those along a direction takes, but for what arrives at the vertices.
     pub fn bytes(scope: &SweepScope<G>, set: &SparseLattice, step: usize, direction: Vec3) -> u64 {
-        RayRows::bytes(set, &Self::along(scope, step, direction))
+        RayRows::bytes::<G::Share>(set, &Self::along(scope, step, direction))
     }
 
     /// Passes all rays that any vertex needs, and returns what arrives at the vertices.
     ///
     /// # Errors
     /// If cancelled.
-    pub fn pass(&self) -> Result<Vec<Arriving>> {
+    pub fn pass(&self) -> Result<Vec<Arriving<G::Share>>> {
         RayRows::new(self.set, &self.rays).pass(|ray, stops, arrive| {
             self.scope.job.cancel.check()?;
             self.pass_one(ray.map(|c| c as f32), stops, arrive);
@@ -70,7 +69,12 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
     }
 
     /// Passes one ray, and tells what it brings to some layers, in the order of travel.
-    fn pass_one(&self, at: [f32; 2], stops: &[usize], arrive: &mut dyn FnMut(usize, Arriving)) {
+    fn pass_one(
+        &self,
+        at: [f32; 2],
+        stops: &[usize],
+        arrive: &mut dyn FnMut(usize, Arriving<G::Share>),
+    ) {
         // The whole ray is the same whatever part of it is needed.
         let first = if self.rays.upwards {
             self.layers() - 1
@@ -101,8 +105,7 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
         let mut light = self.light_of_other_media(origin);
         let mut next = 0;
         let mut passed = 0;
-        let mut add = |s: Segment<G::Share>| {
-            let mut s = in_one(&s);
+        let mut add = |mut s: Segment<G::Share>| {
             passed += 1;
             let mut next_at = stop_at(next);
             while next < stops.len() {
@@ -114,11 +117,11 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
                 let share = ((t - s.near) / (s.far - s.near)).max(0.0);
                 if cut {
                     if share > 0.0 {
-                        s.tau *= 1.0 - share;
+                        s.tau = s.tau * (1.0 - share);
                         s.near = t;
                     }
                     cuts.pop();
-                    light = Arriving::NONE_YET;
+                    light = Arriving::none_yet();
                 } else {
                     // Of a copy: what the ray goes on with must not depend on where it is asked.
                     let mut here = light;
@@ -147,8 +150,8 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
     }
 
     /// What a ray brings with it from media around this volume, to where it enters its box.
-    fn light_of_other_media(&self, origin: Vec3) -> Arriving {
-        let mut light = Arriving::NONE_YET;
+    fn light_of_other_media(&self, origin: Vec3) -> Arriving<G::Share> {
+        let mut light = Arriving::none_yet();
         if self.media.bounds == self.media.own {
             return light;
         }
@@ -165,7 +168,6 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
         // Against the light, so that what is near is as exact as it is far from all ends of the
         // others.
         let mut add = |s: Segment<G::Share>| {
-            let s = in_one(&s);
             light.pass_behind(s.tau, s.source);
             true
         };
@@ -193,37 +195,28 @@ impl<'a, G: GatherInMedia> SweepRays<'a, G> {
     }
 }
 
-impl Arriving {
+impl<K: Spectrum> Arriving<K> {
     /// What arrives along a ray that has passed nothing.
-    const NONE_YET: Self = Self {
-        radiance: Rgb::BLACK,
-        transmittance: 1.0,
-    };
+    pub fn none_yet() -> Self {
+        Self {
+            radiance: Rgb::BLACK,
+            transmittance: K::splat(1.0),
+        }
+    }
 
     /// Adds a medium that the light passed before all that it has passed.
     #[inline]
-    fn pass_behind(&mut self, tau: f32, source: Rgb) {
-        let (through, taken) = exp_neg_and_rest(tau);
-        self.radiance += source * (self.transmittance * taken);
-        self.transmittance *= through;
+    fn pass_behind(&mut self, tau: K, source: Rgb) {
+        let (through, taken) = tau.exp_neg_and_rest();
+        self.radiance += self.transmittance.times(taken).filter(source);
+        self.transmittance = self.transmittance.times(through);
     }
 
     /// Passes a medium on the way towards the vertex.
     #[inline]
-    fn pass(&mut self, tau: f32, source: Rgb) {
-        let (through, taken) = exp_neg_and_rest(tau);
-        self.radiance = self.radiance * through + source * taken;
-        self.transmittance *= through;
-    }
-}
-
-/// The same segment for all channels of light.
-#[inline(always)]
-fn in_one<K: Spectrum>(s: &Segment<K>) -> Segment {
-    Segment {
-        near: s.near,
-        far: s.far,
-        tau: s.tau.most(),
-        source: s.source,
+    fn pass(&mut self, tau: K, source: Rgb) {
+        let (through, taken) = tau.exp_neg_and_rest();
+        self.radiance = through.filter(self.radiance) + taken.filter(source);
+        self.transmittance = self.transmittance.times(through);
     }
 }

@@ -6,8 +6,9 @@
 
 use crate::Result;
 use crate::inscatter::sparse::SparseLattice;
-use crate::math::Rgb;
+use crate::math::lanes::Lanes;
 use crate::math::ray_lattice::RayLattice;
+use crate::math::{Rgb, Spectrum};
 use wide::f32x4;
 
 /// Rays in a row from which a vertex takes its light.
@@ -16,9 +17,9 @@ pub const TAPS: usize = 4;
 /// What arrives at a vertex from one direction: the medium's own light, and the share of light from
 /// beyond.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Arriving {
+pub struct Arriving<K = f32> {
     pub radiance: Rgb,
-    pub transmittance: f32,
+    pub transmittance: K,
 }
 
 /// The rows of rays of one direction, and the vertices that they serve.
@@ -60,14 +61,14 @@ impl<'a> RayRows<'a> {
     }
 
     /// Bytes that those and [`Self::pass`] take, but for what arrives at the vertices.
-    pub fn bytes(set: &SparseLattice, rays: &RayLattice) -> u64 {
+    pub fn bytes<K: Spectrum>(set: &SparseLattice, rays: &RayLattice) -> u64 {
         let [_, [layers, columns, rows]] = extent(set, rays).map(|n| n.map(|n| n as u64));
         let [(_, across), _] = rays.extent(set.bounds());
         let of_vertices = layers * rows * columns.div_ceil(64) + columns / 64 + 1;
         let of_rays = across as u64 * layers.div_ceil(64);
         let held = TAPS as u64 * layers * (columns + TAPS as u64 - 1);
         size_of::<u64>() as u64 * (of_vertices + of_rays)
-            + size_of::<f32x4>() as u64 * held
+            + size_of::<K::Lanes>() as u64 * held
             + size_of::<Taps>() as u64 * layers
     }
 
@@ -76,10 +77,10 @@ impl<'a> RayRows<'a> {
     ///
     /// # Errors
     /// That of `pass`.
-    pub fn pass(
+    pub fn pass<K: Spectrum>(
         &self,
-        mut pass: impl FnMut([i32; 2], &[usize], &mut dyn FnMut(usize, Arriving)) -> Result<()>,
-    ) -> Result<Vec<Arriving>> {
+        mut pass: impl FnMut([i32; 2], &[usize], &mut dyn FnMut(usize, Arriving<K>)) -> Result<()>,
+    ) -> Result<Vec<Arriving<K>>> {
         let mut at_vertices = vec![Arriving::default(); self.set.len()];
         if at_vertices.is_empty() {
             return Ok(at_vertices);
@@ -88,7 +89,7 @@ impl<'a> RayRows<'a> {
         let width = self.count[1] + TAPS - 1;
         // Of the last rows, what their rays bring to each layer, from the first that a vertex there
         // needs.
-        let mut held = vec![f32x4::ZERO; TAPS * self.count[0] * width];
+        let mut held = vec![K::Lanes::default(); TAPS * self.count[0] * width];
         let place = |row: i32, layer: usize| {
             (row.rem_euclid(TAPS as i32) as usize * self.count[0] + layer) * width
         };
@@ -121,8 +122,7 @@ impl<'a> RayRows<'a> {
                 pass([column, row], &stops, &mut |layer, light| {
                     let layer = layer - self.first[0];
                     let x = (column - self.first_ray(layer)) as usize;
-                    let [r, g, b] = light.radiance.0;
-                    held[place(row, layer) + x] = f32x4::new([r, g, b, light.transmittance]);
+                    held[place(row, layer) + x] = light.lanes();
                 })?;
             }
             for layer in 0..self.count[0] {
@@ -130,7 +130,7 @@ impl<'a> RayRows<'a> {
                 let Some(y) = self.row_of_vertices(row + taps.first[1]) else {
                     continue;
                 };
-                let held: [&[f32x4]; TAPS] = std::array::from_fn(|i| {
+                let held: [&[K::Lanes]; TAPS] = std::array::from_fn(|i| {
                     &held[place(row - (TAPS - 1 - i) as i32, layer)..][..width]
                 });
                 let mut v = [0; 3];
@@ -256,22 +256,30 @@ impl Taps {
 
     /// What arrives at a vertex, given what the rays of each row bring that serve it.
     #[inline]
-    pub fn between(&self, rows: [&[f32x4]; TAPS]) -> Arriving {
+    pub fn between<K: Spectrum>(&self, rows: [&[K::Lanes]; TAPS]) -> Arriving<K> {
         let [along, across] = &self.weights;
-        let mut sum = f32x4::ZERO;
+        let mut sum = K::Lanes::default();
         for (row, across) in rows.iter().zip(across) {
-            let mut of_row = f32x4::ZERO;
+            let mut of_row = K::Lanes::default();
             for (light, along) in row.iter().zip(along) {
                 of_row += *light * *along;
             }
             sum += of_row * *across;
         }
         // Beside an edge a cubic swings below it.
-        let [r, g, b, transmittance] = sum.to_array();
+        let (radiance, transmittance) = sum.parts();
         Arriving {
-            radiance: Rgb([r, g, b].map(|c| c.max(0.0))),
-            transmittance: transmittance.clamp(0.0, 1.0),
+            radiance: Rgb(radiance.0.map(|c| c.max(0.0))),
+            transmittance: transmittance.each(|t| t.clamp(0.0, 1.0)),
         }
+    }
+}
+
+impl<K: Spectrum> Arriving<K> {
+    /// The same in lanes.
+    #[inline]
+    pub fn lanes(self) -> K::Lanes {
+        K::Lanes::new(self.radiance, self.transmittance)
     }
 }
 
