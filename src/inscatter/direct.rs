@@ -3,8 +3,8 @@
 use super::sparse::SparseValues;
 use super::vertices::extremes;
 use crate::light::MediumLight;
-use crate::math::Rgb;
 use crate::math::exp::exp_neg;
+use crate::math::{Rgb, Spectrum};
 use wide::f32x8;
 
 /// Spacings of 1 to 64 voxels.
@@ -104,6 +104,33 @@ impl Spread {
                 0.0
             },
             mean: mean[part],
+        })
+    }
+
+    /// The same, of light whose channels count by such weights.
+    pub fn weighted<K: Spectrum>(
+        values: &[LightVectors; 8],
+        weights: &[f32; 8],
+        light: f32x8,
+        channels: K,
+    ) -> [Self; 2] {
+        let plain = Self::of(values, weights, light);
+        if K::IS_GREY {
+            return plain;
+        }
+        let (least, most) = extremes(values, weights, |v| v.light);
+        let luminances = |light: f32x8| {
+            let parts = [LightVectors::share(light), LightVectors::rest(light)];
+            parts.map(|part| channels.luminance_of(part))
+        };
+        let (least, most) = (luminances(least), luminances(most));
+        std::array::from_fn(|part| Self {
+            ratio: if plain[part].ratio > 0.0 && least[part] > 0.0 {
+                most[part] / least[part]
+            } else {
+                plain[part].ratio
+            },
+            ..plain[part]
         })
     }
 

@@ -3,6 +3,7 @@
 
 use super::counts;
 use super::gatherer::GatherInMedia;
+use super::seen_channels::SeenChannels;
 use super::source::{InScatter, RayMemo};
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Ray, Rgb, Spectrum};
@@ -97,7 +98,9 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 let seen = camera_ray.passed.transmittance.most();
                 return seen > Composite::<G::Share>::NOTHING;
             }
-            if cell.tau > STRETCH_DEPTH {
+            let through = camera_ray.passed.transmittance;
+            let of_seen = SeenChannels::new(through, &color).extinction;
+            if cell.tau * of_seen > STRETCH_DEPTH {
                 if let Some(stretch) = open.take() {
                     camera_ray.add_stretch(stretch);
                 }
@@ -106,7 +109,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             }
             if let Some(stretch) = open.as_mut() {
                 let depth = STRETCH_DEPTH / seen;
-                let fits = stretch.tau + cell.tau <= depth.min(MAX_STRETCH_DEPTH)
+                let fits = (stretch.tau + cell.tau) * of_seen <= depth.min(MAX_STRETCH_DEPTH)
                     && cell.far - stretch.near <= most;
                 if fits {
                     stretch.add(cell);
@@ -145,17 +148,20 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         // What the ray sees last, once that is all that it sees.
         let last = Cell::new(None);
         let lit = Cell::new(0);
+        let seen = Cell::new(passed.transmittance);
         self.view.tracer.march(
             ray,
             |volume, part, _| {
                 last.get().unwrap_or_else(|| {
                     lit.set(lit.get() + 1);
                     let ends = [ray.at(part.near), ray.at(part.far)];
-                    self.source(volume, ends, part.tau, &mut memo.borrow_mut())
+                    let memo = &mut memo.borrow_mut();
+                    self.source(volume, ends, part.tau, seen.get(), memo)
                 })
             },
             |s: Segment<G::Share>| {
                 passed.medium(s.tau, s.source);
+                seen.set(passed.transmittance);
                 if passed.transmittance.most() < OPAQUE && last.get().is_none() {
                     last.set(Some(s.source));
                 }
@@ -199,7 +205,8 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
     }
 
     fn add(&mut self, ends: [glam::Vec3; 2], tau: f32) {
-        self.source = self.light.source(0, ends, tau, &mut self.memo);
+        let seen = self.passed.transmittance;
+        self.source = self.light.source(0, ends, tau, seen, &mut self.memo);
         self.lit += 1;
         self.pass(tau);
     }

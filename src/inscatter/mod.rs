@@ -18,6 +18,7 @@
 //! | `lvoxel_light` | light that lvoxels send each other, of a tree that tells it |
 //! | `far_field` | probes of the surfaces around a medium |
 //! | `dense` | light in voxels so deep that no vertex tells |
+//! | `seen_channels` | which channels of a medium a camera ray still sees
 //! | `scattered` | light that was made beforehand, read from a file |
 //! | `gatherer`, `memory`, `counts` | what is asked of a gatherer; limits on memory; what it took |
 
@@ -33,6 +34,7 @@ mod march;
 mod memory;
 mod occupied;
 mod scattered;
+mod seen_channels;
 mod source;
 mod spacing;
 pub mod sparse;

@@ -155,7 +155,7 @@ fn with<M: Medium, T>(
     scene: &Scene,
     around: &Shell,
     media: M,
-    run: impl FnOnce(&View, &Lights<SceneMedia<M::Share>>, &Gatherer<NoPages, M>) -> T,
+    run: impl for<'a> FnOnce(&View, &Lights<'a, SceneMedia<'a, M::Share>>, &Gatherer<NoPages, M>) -> T,
 ) -> T {
     let tracer = Tracer::new(scene);
     let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
@@ -239,7 +239,13 @@ fn probes_and_vertices_keep_off_the_planes_of_a_volumes_borders() {
         let in_scatter = in_scatter(view, &regions, lights, gatherer, &job).unwrap();
         let probes = near.rays();
         let floor = |x: f32| Vec3::new(x, -7.9, -12.0);
-        let _ = in_scatter.source(0, [floor(0.0), floor(0.1)], 0.002, &mut RayMemo::default());
+        let _ = in_scatter.source(
+            0,
+            [floor(0.0), floor(0.1)],
+            0.002,
+            1.0,
+            &mut RayMemo::default(),
+        );
         assert!(near.rays() > probes);
     });
     assert_inside(&near);

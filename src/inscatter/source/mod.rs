@@ -22,6 +22,7 @@ use super::far_field::AskedPoint;
 use super::gatherer::GatherInMedia;
 use super::lvoxel_light::LvoxelMemo;
 use super::scattered::ScatteredLight;
+use super::seen_channels::SeenChannels;
 use super::sweep::{SWEPT_LEVELS, Sweep};
 use super::vertices::{CellCache, are_alike, blend, extremes, inside};
 use crate::Result;
@@ -177,25 +178,38 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             .unwrap_or(0)
     }
 
-    /// Source function of a volume along a segment of a ray, given its ends in scene space and its
-    /// optical depth, and what is known from segments before it.
+    /// Source function of a volume along a segment of a ray, given its ends in scene space, its
+    /// optical depth, the share of light from there that the ray lets through, and what is known
+    /// from segments before it.
     #[must_use]
-    pub fn source(&self, volume: usize, ends: [Vec3; 2], depth: f32, memo: &mut RayMemo) -> Rgb {
+    pub fn source(
+        &self,
+        volume: usize,
+        ends: [Vec3; 2],
+        depth: f32,
+        through: G::Share,
+        memo: &mut RayMemo,
+    ) -> Rgb {
         let medium = &self.volumes[volume];
+        let channels = SeenChannels::new(through, &medium.extinction_color);
         let voxel = self.lattices[volume].voxel;
         let [from, to] = ends;
         // Where its light comes from on average: near its front if it is dense.
-        let point = from + (to - from) * mean_reach(depth);
+        let seen_depth = depth * channels.extinction;
+        let point = from + (to - from) * mean_reach(seen_depth);
         let at = medium.index_from_scene.transform_point3(point);
         let densest = self.lattices[volume].densities.at(at) * voxel;
         let level = Self::level(densest);
         let least = self.lattices[volume].least_direct.at(at);
         let is_made = self.lattices[volume].scattered.is_some();
         let level = if is_made { level } else { level.max(least) };
+        let densest = densest * channels.extinction;
         let segment = RaySegment {
             volume,
             ends,
             depth,
+            seen_depth,
+            channels: channels.weights,
             point,
             at,
             densest,
@@ -203,13 +217,13 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             level,
             finest: least.min(level),
             finest_indirect: self.lattices[volume].least_indirect.at(at),
-            voxel_depth: depth * voxel / (to - from).length(),
+            voxel_depth: seen_depth * voxel / (to - from).length(),
             seen: self.seen(volume, point),
         };
         medium.albedo_at(at) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
     }
 
-    fn direct(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
+    fn direct(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
         let (lattices, [from, to]) = (&self.lattices[segment.volume], segment.ends);
         let spacing = lattices.voxel * (1 << segment.level) as f32;
         let unshadowed = |from, to| self.lights.unshadowed_along(from, to, segment.seen);
@@ -262,7 +276,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                         + LightVectors::rest(light);
                 }
                 let light = blend(values, weights, |v| v.light);
-                let spread = Spread::of(values, weights, light);
+                let spread = Spread::weighted(values, weights, light, segment.channels);
                 if is_finest || !self.differs(spread) {
                     let [share, rest] = spread;
                     let depth = segment.voxel_depth * (1 << level) as f32;
@@ -342,7 +356,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             })
     }
 
-    fn indirect(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
+    fn indirect(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
         let Some(gatherer) = self.gatherer else {
             return Rgb::BLACK;
         };
@@ -367,7 +381,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     }
 
     /// Gathered light, interpolated where its vertices allow that.
-    fn gathered_between(&self, segment: &RaySegment, memo: &mut RayMemo) -> Rgb {
+    fn gathered_between(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
         let lattices = &self.lattices[segment.volume];
         let vertex = |level: usize, v: [usize; 3]| {
             note_asked(true);
@@ -436,14 +450,14 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     }
 
     /// How many pixels of the camera are between vertices of a lattice.
-    fn pixels(&self, segment: &RaySegment, level: usize) -> f32 {
+    fn pixels(&self, segment: &RaySegment<G::Share>, level: usize) -> f32 {
         let spacing = self.lattices[segment.volume].voxel * (1 << level) as f32;
         let distance = segment.point.distance(self.view.camera.origin());
         spacing / (self.view.pixel_angle * distance)
     }
 
     /// The coarsest lattice of direct light that is asked.
-    fn first_level(&self, segment: &RaySegment) -> usize {
+    fn first_level(&self, segment: &RaySegment<G::Share>) -> usize {
         if !(self.any_is_sharp && segment.is_thin) {
             return segment.level;
         }
@@ -454,7 +468,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     }
 
     /// Whether the camera may see edges of shadows between vertices of a lattice.
-    fn may_show_edges(&self, segment: &RaySegment, level: usize) -> bool {
+    fn may_show_edges(&self, segment: &RaySegment<G::Share>, level: usize) -> bool {
         self.any_is_sharp && self.pixels(segment, level) > Self::WIDE_SPACING_PIXELS
     }
 
@@ -519,12 +533,12 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     }
 }
 
-impl RaySegment {
+impl<K> RaySegment<K> {
     /// The point before which this share of the light comes from that the camera sees of the
     /// segment.
     fn at_share(&self, share: f32) -> Vec3 {
-        let reach = if self.depth > 0.0 {
-            -libm::log1pf(-share * one_minus_exp_neg(self.depth)) / self.depth
+        let reach = if self.seen_depth > 0.0 {
+            -libm::log1pf(-share * one_minus_exp_neg(self.seen_depth)) / self.seen_depth
         } else {
             share
         };
@@ -545,10 +559,14 @@ pub struct RayMemo {
 }
 
 /// A segment of a ray in a volume.
-struct RaySegment {
+struct RaySegment<K> {
     volume: usize,
     ends: [Vec3; 2],
+    /// Of the densest channel, and of what the ray sees of all: other depths are of the latter.
     depth: f32,
+    seen_depth: f32,
+    /// What each channel adds to the ray.
+    channels: K,
     /// What stands for it, in scene space and in the volume's index space.
     point: Vec3,
     at: Vec3,
