@@ -6,7 +6,7 @@
 
 use crate::math::sampling::{self, tangents};
 use crate::run::Cancel;
-use crate::scene::Mesh;
+use crate::scene::{Instance, Mesh};
 use crate::trace::unit_normal;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -22,11 +22,12 @@ const END: u32 = u32::MAX;
 /// Edges or vertices between two looks at whether to stop.
 const PIECE: u32 = 1 << 16;
 
-/// For each triangle, what lies across its three edges.
+/// For each triangle, what lies across its three edges. Instances of a mesh have the creases that it
+/// has in its own space.
 #[derive(Debug)]
 pub struct Creases<'a> {
     mesh: &'a Mesh,
-    /// By number of the edge, three for each triangle: a triangle, or [`CREASE`].
+    /// By number of the edge, three for each triangle that is stored: a triangle, or [`CREASE`].
     across: Vec<u32>,
 }
 
@@ -39,7 +40,14 @@ impl<'a> Creases<'a> {
     pub fn new(mesh: &'a Mesh, crease_deg: f32, cancel: &Cancel) -> Result<Self> {
         let cos_crease = libm::cosf(crease_deg.to_radians());
         const { assert!(3 * Mesh::MAX_TRIANGLES < END as usize) };
-        let welded = weld(&mesh.positions, cancel)?;
+        let mut welded = weld(&mesh.positions[..mesh.flat_vertices()], cancel)?;
+        for prototype in mesh.instances.prototypes() {
+            // What lies in another space is never at the same place.
+            let first = prototype.vertices.start;
+            let vertices = first as usize..prototype.vertices.end as usize;
+            let own = weld(&mesh.positions[vertices], cancel)?;
+            welded.extend(own.into_iter().map(|v| v + first));
+        }
         let ends = |edge: u32| {
             let triangle = mesh.triangles[edge as usize / 3];
             let [a, b] = [edge % 3, (edge + 1) % 3].map(|k| welded[triangle[k as usize] as usize]);
@@ -57,7 +65,7 @@ impl<'a> Creases<'a> {
             across.push(AtomicU32::new(std::mem::replace(first, edge)));
         }
         let is_smooth = |a: u32, b: u32| {
-            let [n, m] = [a, b].map(|edge| unit_normal(mesh.corners(edge as usize / 3)));
+            let [n, m] = [a, b].map(|edge| unit_normal(mesh.own_corners(edge as usize / 3)));
             // Neighbours may wind differently: a flat pair is flat either way.
             n.dot(m).abs() >= cos_crease
         };
@@ -91,14 +99,19 @@ impl<'a> Creases<'a> {
     #[must_use]
     pub fn clips(&self, triangle: u32, point: Vec3, normal: Vec3, radius: f32) -> Clips {
         const MAX_TRIANGLES: usize = 32;
+        let (stored, instance) = self.mesh.place(triangle as usize);
+        // Of an instance all triangles have their numbers by the same step.
+        let step = triangle.wrapping_sub(stored as u32);
+        let is_mirrored = instance.is_some_and(Instance::is_mirrored);
         let (tangent, bitangent) = tangents(normal);
         let mut visited = [triangle; MAX_TRIANGLES];
         let (mut visited_count, mut next) = (1, 0);
         let mut clips = Clips::default();
         while next < visited_count {
-            let t = visited[next] as usize;
+            let t = visited[next];
             next += 1;
-            let corners = self.mesh.corners(t).map(|c| {
+            let stored = t.wrapping_sub(step) as usize;
+            let corners = self.mesh.corners(t as usize).map(|c| {
                 let d = c - point;
                 [d.dot(tangent), d.dot(bitangent)]
             });
@@ -107,8 +120,11 @@ impl<'a> Creases<'a> {
                 if distance2_to_segment(a, b) >= radius * radius {
                     continue;
                 }
-                let other = self.across[3 * t + e];
+                // A mirrored instance has the corners of triangles the other way round.
+                let edge = if is_mirrored { 2 - e } else { e };
+                let other = self.across[3 * stored + edge];
                 if other != CREASE {
+                    let other = other.wrapping_add(step);
                     if visited_count < MAX_TRIANGLES && !visited[..visited_count].contains(&other) {
                         visited[visited_count] = other;
                         visited_count += 1;

@@ -6,6 +6,7 @@ use crate::light::{Lights, ShadowRays, Shadows};
 use crate::math::{Rgb, sampling};
 use crate::trace::{Surface, Tracer};
 use lvox_formats::record::Surfel;
+use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Systematic sampling over the running area of a mesh, with that of each piece times its density:
@@ -29,7 +30,7 @@ const PIECE: usize = 16;
 fn weighted_area(tracer: &Tracer<'_>, triangle: usize) -> f64 {
     let mesh = &tracer.scene.mesh;
     let [a, b, c] = mesh.corners(triangle).map(|p| p.as_dvec3());
-    let density = tracer.pieces.density(mesh.material[triangle]);
+    let density = tracer.pieces.density(mesh.material_of(triangle));
     density * 0.5 * (b - a).cross(c - a).length()
 }
 
@@ -37,13 +38,26 @@ impl<'a> AreaSampler<'a> {
     /// A sampler of about `count` points over the triangles of a scene.
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>, count: u64, seed: u64) -> Self {
+        let mesh = &tracer.scene.mesh;
+        let (flat, triangles) = (mesh.flat_count(), mesh.triangle_count());
         let mut sum = 0.0;
-        let mut running_area = Vec::with_capacity(tracer.scene.mesh.triangles.len() / PIECE + 2);
-        for t in 0..tracer.scene.mesh.triangles.len() {
+        let mut running_area = Vec::with_capacity(triangles / PIECE + 2);
+        let alone = flat.next_multiple_of(PIECE).min(triangles);
+        for t in 0..alone {
             if t % PIECE == 0 {
                 running_area.push(sum);
             }
             sum += weighted_area(tracer, t);
+        }
+        // Of instances there may be a hundred times as many: pieces of them side by side.
+        let pieces = (alone..triangles).into_par_iter().step_by(PIECE);
+        let areas = pieces.map(|first| {
+            let piece = first..triangles.min(first + PIECE);
+            piece.map(|t| weighted_area(tracer, t)).sum::<f64>()
+        });
+        for area in areas.collect::<Vec<f64>>() {
+            running_area.push(sum);
+            sum += area;
         }
         running_area.push(sum);
         let count = if sum > 0.0 { count.max(1) } else { 0 };
@@ -67,7 +81,7 @@ impl<'a> AreaSampler<'a> {
     /// Area that a sample of a triangle stands for.
     #[must_use]
     pub fn area_per_sample(&self, triangle: u32) -> f32 {
-        let material = self.tracer.scene.mesh.material[triangle as usize];
+        let material = self.tracer.scene.mesh.material_of(triangle as usize);
         (self.step / self.tracer.pieces.density(material)) as f32
     }
 
@@ -78,7 +92,7 @@ impl<'a> AreaSampler<'a> {
         let pieces = self.running_area.len() - 1;
         let piece = self.running_area[1..].partition_point(|&a| a <= target);
         let piece = piece.min(pieces - 1);
-        let triangles = self.tracer.scene.mesh.triangles.len();
+        let triangles = self.tracer.scene.mesh.triangle_count();
         let (first, end) = (piece * PIECE, triangles.min((piece + 1) * PIECE));
         // The same sum as that over all, from here on.
         let mut before = self.running_area[piece];

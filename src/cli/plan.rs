@@ -86,7 +86,7 @@ impl Plan {
             }
         }
         let bytes = scene.volumes.iter().map(|v| v.sigma_t.bytes() as u64);
-        self.with("triangles", scene.mesh.triangles.len() as u64)
+        self.with("triangles", scene.mesh.triangle_count() as u64)
             .with("voxels", bytes.sum::<u64>() / size_of::<f32>() as u64)
     }
 

@@ -214,7 +214,7 @@ impl SceneInput {
             if let Some((width, height)) = self.resolution {
                 (scene.film.width, scene.film.height) = (width, height);
             }
-            counts.insert("triangles".into(), scene.mesh.triangles.len() as f64);
+            counts.insert("triangles".into(), scene.mesh.triangle_count() as f64);
             counts.insert("degenerate_triangles".into(), scene.mesh.degenerate as f64);
             counts.insert("volumes".into(), scene.volumes.len() as f64);
             Ok(scene)

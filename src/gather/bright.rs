@@ -38,7 +38,7 @@ pub struct BrightHit {
 #[derive(Debug)]
 pub(super) struct BrightPatchIndex {
     keys: HashSet<u64>,
-    /// Whether a triangle has any bright patch, by triangle.
+    /// Whether a triangle has any bright patch, by triangle; beyond, any may have.
     has_any: Vec<bool>,
 }
 
@@ -59,7 +59,9 @@ impl BrightPatchIndex {
     /// Adds the patch of a hit, and returns it unless it was there before.
     pub fn add(&mut self, hit: &Hit, extent: PatchExtent) -> Option<PatchId> {
         let place = Self::place(hit, extent);
-        self.has_any[hit.triangle as usize] = true;
+        if let Some(has_any) = self.has_any.get_mut(hit.triangle as usize) {
+            *has_any = true;
+        }
         self.keys.insert(place.key()).then_some(place)
     }
 
@@ -76,7 +78,8 @@ impl BrightPatchIndex {
     /// that is.
     #[inline]
     pub fn at(&self, hit: &Hit, extent: PatchExtent) -> Option<(PatchId, bool)> {
-        self.has_any[hit.triangle as usize].then(|| {
+        let has_any = self.has_any.get(hit.triangle as usize);
+        has_any.copied().unwrap_or(true).then(|| {
             let place = Self::place(hit, extent);
             (place, self.keys.contains(&place.key()))
         })

@@ -17,7 +17,8 @@ pub trait Geometry: std::fmt::Debug + Sync {
         }
     }
 
-    /// Returns the number of triangles.
+    /// Returns the number of triangles for which something may be kept; there may be many more, of
+    /// meshes that are placed many times, whose numbers come behind these.
     fn triangles(&self) -> u32;
 
     /// Returns the corners of a triangle, scene space.

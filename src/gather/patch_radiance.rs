@@ -69,6 +69,14 @@ impl UnknownPatches {
     }
 }
 
+/// The extent of a triangle, where surfels stand for such an area on the mean.
+#[inline(never)]
+fn extent(geometry: &dyn Geometry, area_per_surfel: f32, triangle: u32) -> PatchExtent {
+    let over_mean = geometry.surfel_area_over_mean(triangle);
+    let least = over_mean.map(|a| a * area_per_surfel);
+    PatchExtent::new(geometry.corners(triangle), least)
+}
+
 /// Most rays of a packet.
 pub const MAX_PACKET: usize = 64;
 
@@ -82,6 +90,8 @@ pub struct PatchRadiance<'a> {
     geometry: &'a dyn Geometry,
     /// By triangle: rays wait for memory, and find all that most of them need in one place.
     extents: Box<[PatchExtent]>,
+    /// Area of a surfel of the tree, scene units squared.
+    area_per_surfel: f32,
     /// Whether surfels of one piece of the scene have one size.
     is_even: bool,
     /// The square over the longest edge of a patch need not be smaller than the area of so many of
@@ -109,12 +119,10 @@ impl<'a> PatchRadiance<'a> {
     /// # Errors
     /// No memory for the cache.
     pub fn new(geometry: &'a dyn Geometry, area_per_surfel: f32, rays: usize) -> Result<Self> {
-        let extent = |t| {
-            let over_mean = geometry.surfel_area_over_mean(t);
-            PatchExtent::new(geometry.corners(t), over_mean.map(|a| a * area_per_surfel))
-        };
+        let extent = |t| extent(geometry, area_per_surfel, t);
         Ok(Self {
             geometry,
+            area_per_surfel,
             extents: (0..geometry.triangles()).map(extent).collect(),
             is_even: true,
             surfels_per_patch: 1.0,
@@ -249,7 +257,7 @@ impl<'a> PatchRadiance<'a> {
         let height = 0.5 * disk.radius;
         let above = disk.centre + disk.normal * height;
         let hit = (self.geometry).closest(&Ray::new(above, -disk.normal, 2.0 * height))?;
-        let extent = self.extents[hit.triangle as usize];
+        let extent = self.extent(hit.triangle);
         (extent.least != PatchExtent::BLACK).then_some((hit, extent))
     }
 
@@ -263,7 +271,7 @@ impl<'a> PatchRadiance<'a> {
             corners: self.geometry.corners(triangle),
             normal: if id.is_back { -normal } else { normal },
             is_back: id.is_back,
-            extent: self.extents[triangle as usize].of_surfels(self.surfels_per_patch),
+            extent: self.extent(triangle).of_surfels(self.surfels_per_patch),
             is_even: self.is_even,
             geometry: self.geometry,
         };
@@ -388,10 +396,18 @@ impl<'a> PatchRadiance<'a> {
         });
     }
 
+    #[inline]
+    fn extent(&self, triangle: u32) -> PatchExtent {
+        match self.extents.get(triangle as usize) {
+            Some(extent) => *extent,
+            None => extent(self.geometry, self.area_per_surfel, triangle),
+        }
+    }
+
     /// Returns the patch that was met, unless it is black.
     #[inline]
     fn patch_of(&self, hit: &Hit, request: PatchRequest) -> Option<PatchId> {
-        let extent = self.extents[hit.triangle as usize];
+        let extent = self.extent(hit.triangle);
         if extent.least == PatchExtent::BLACK {
             return None;
         }

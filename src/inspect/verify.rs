@@ -140,7 +140,7 @@ fn check_scene(scene: &Scene, job: &Job) -> Result<()> {
     if !TriangleBvh::of_scene(scene, &job.cancel)?.has_right_blocks(&scene.mesh) {
         return wrong("triangles in the leaves of the hierarchy are not those of the mesh".into());
     }
-    let areas = Pieces::areas_of(&scene.mesh, scene.materials.len());
+    let areas = scene.mesh.areas(scene.materials.len());
     if Pieces::areas(scene) != areas {
         return wrong("areas of materials are not those of their triangles".into());
     }

@@ -174,6 +174,14 @@ fn surfaces(mesh: &Mesh, world_from_scene: DVec3) -> Digest {
             .iter()
             .map(|v| v.to_le_bytes()),
     );
+    for prototype in mesh.instances.prototypes() {
+        digest.count(prototype.triangles.start as usize);
+        digest.count(prototype.vertices.start as usize);
+    }
+    for instance in mesh.instances.list() {
+        digest.count(instance.prototype as usize);
+        digest.doubles(&instance.scene_from_prototype.to_cols_array());
+    }
     digest
 }
 

@@ -46,7 +46,8 @@ impl<'a> Masks<'a> {
         }
     }
 
-    /// The mask of a triangle.
+    /// The mask of a triangle, by its place among those that are stored; so are those of all others
+    /// here.
     #[must_use]
     #[inline]
     pub fn of_triangle(&self, triangle: u32) -> Option<&'a Mask> {

@@ -1,11 +1,15 @@
 //! All triangles of a scene in one indexed mesh.
 
+use super::Instances;
 use crate::column::Column;
 use crate::math::magnitude::to_unit;
 use glam::{Vec2, Vec3};
 
 /// Triangles with per-vertex attributes. Optional attributes are empty when no mesh of the scene
 /// has them.
+///
+/// Lists are what is stored: where there are [`Instances`], what they place comes last in each, in
+/// spaces of its own, and methods tell of the triangles of the scene.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// Vertex positions, scene space.
@@ -26,10 +30,12 @@ pub struct Mesh {
     pub material: Column<u32>,
     /// Triangles of zero area that were dropped on loading.
     pub degenerate: u64,
+    /// What is stored once and placed many times.
+    pub instances: Instances,
 }
 
 impl Mesh {
-    /// Triangles of the largest scene: what finds them has places for no more.
+    /// Triangles that the largest scene stores: what finds them has places for no more.
     pub(crate) const MAX_TRIANGLES: usize = 1 << 27;
 
     /// Bytes of memory that it takes.
@@ -41,13 +47,24 @@ impl Mesh {
             + size_of_val(&self.uvs[..])
             + size_of_val(&self.opacities[..]);
         let triangles = size_of_val(&self.triangles[..]) + size_of_val(&self.material[..]);
-        (vertices + triangles) as u64
+        (vertices + triangles) as u64 + self.instances.bytes()
     }
 
-    /// Corner positions of a triangle.
+    /// Corner positions of a triangle, scene space.
     #[must_use]
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
-        self.triangles[triangle].map(|i| self.positions[i as usize])
+        match self.instances.is_flat(triangle) {
+            true => self.own_corners(triangle),
+            false => self.placed_corners(triangle),
+        }
+    }
+
+    /// Corner positions of a triangle as it is stored, in its own space.
+    #[must_use]
+    #[inline]
+    pub fn own_corners(&self, stored: usize) -> [Vec3; 3] {
+        self.triangles[stored].map(|i| self.positions[i as usize])
     }
 
     /// Half the cross product of two sides: the face normal times the area.

@@ -3,6 +3,7 @@
 //! In come files, or what an application makes in memory; out comes a checked [`Scene`].
 //!
 //! - `camera`, `light`, `material`, `texture`, `mesh`, `grid`, `volume`: what a scene consists of
+//! - `instances`: meshes that are kept once and placed many times
 //! - `lens`: depth of field and a shutter that is open while a camera moves
 //! - `mask`: where surfaces are there
 //! - `texture_mean`: means of textures over triangles
@@ -24,6 +25,7 @@ mod digest;
 mod emissive;
 pub(crate) mod environment;
 pub(crate) mod grid;
+mod instances;
 mod lens;
 mod light;
 pub mod load;
@@ -45,6 +47,7 @@ pub use camera::{Camera, CameraKey, Film};
 pub use emissive::{Emission, EmissiveBlock, EmissiveVolume};
 pub use environment::{EnvironmentImage, ImageSun};
 pub use grid::{Grid, VolumeGrid};
+pub use instances::{Instance, Instances, Prototype};
 pub use lens::{CameraRay, Lens, Pose};
 pub use light::Light;
 pub use mask::{Mask, Masks};
@@ -297,8 +300,11 @@ impl Scene {
     /// Box around all triangles, volumes and emissive volumes.
     #[must_use]
     pub fn bounds(&self) -> Aabb {
-        let vertices = self.mesh.triangles.iter().flatten();
-        let vertices = vertices.map(|&v| self.mesh.positions[v as usize]);
+        let mesh = &self.mesh;
+        let vertices = mesh.triangles[..mesh.flat_count()].iter().flatten();
+        let vertices = vertices.map(|&v| mesh.positions[v as usize]);
+        let instances = mesh.instances.list().iter();
+        let vertices = vertices.chain(instances.flat_map(|i| [i.bounds.min, i.bounds.max]));
         let emissive = self.emissive.iter().flat_map(|e| e.values.corners());
         let corners = vertices.chain(emissive);
         corners.fold(self.media_bounds(), Aabb::with)
@@ -317,8 +323,10 @@ impl Scene {
         }
         self.world_from_scene = world_from_scene;
         let moved = |p: Vec3| (p.as_dvec3() + shift).as_vec3();
-        let positions = self.mesh.positions.to_mut();
+        let flat = self.mesh.flat_vertices();
+        let positions = &mut self.mesh.positions.to_mut()[..flat];
         positions.iter_mut().for_each(|p| *p = moved(*p));
+        self.mesh.instances.shift(shift);
         for camera in &mut self.cameras {
             camera.scene_from_camera.translation = moved(camera.origin()).into();
         }

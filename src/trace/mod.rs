@@ -178,7 +178,11 @@ impl<'a> Tracer<'a> {
     #[inline]
     pub fn is_clear(&self, triangle: u32, uv: [f32; 2]) -> bool {
         let masks = self.triangles.masks();
-        masks.is_some_and(|masks| masks.is_clear(triangle, uv))
+        masks.is_some_and(|masks| {
+            let (stored, instance) = self.scene.mesh.place(triangle as usize);
+            let uv = instance.map_or(uv, |i| i.turned(uv));
+            masks.is_clear(stored as u32, uv)
+        })
     }
 
     /// The share of light that surfaces let through along a ray: 0 behind one, but for masks.

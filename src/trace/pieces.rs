@@ -1,6 +1,6 @@
 //! How densely surfels stand on the pieces of a scene: triangles of one material are a piece.
 
-use crate::scene::{Material, Mesh, Scene};
+use crate::scene::{Material, Scene};
 
 /// Samples per area of each piece, over what they would be if samples went by area alone.
 ///
@@ -73,18 +73,7 @@ impl Pieces {
         if let Some(packed) = scene.as_packed() {
             return packed.file().meta().areas.clone();
         }
-        Self::areas_of(&scene.mesh, scene.materials.len())
-    }
-
-    /// Areas of the triangles of a mesh, by so many materials.
-    #[must_use]
-    pub fn areas_of(mesh: &Mesh, materials: usize) -> Vec<f64> {
-        let mut areas = vec![0.0; materials];
-        for (t, &material) in mesh.material.iter().enumerate() {
-            let [a, b, c] = mesh.corners(t).map(|p| p.as_dvec3());
-            areas[material as usize] += 0.5 * (b - a).cross(c - a).length();
-        }
-        areas
+        scene.mesh.areas(scene.materials.len())
     }
 
     /// Samples per area on a material, over those by area alone.

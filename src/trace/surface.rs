@@ -26,9 +26,8 @@ impl Surface {
     #[must_use]
     pub fn new(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Self {
         let mesh = &scene.mesh;
-        let index = mesh.triangles[triangle as usize].map(|i| i as usize);
         let weight = [1.0 - uv[0] - uv[1], uv[0], uv[1]];
-        let [a, b, c] = index.map(|i| mesh.positions[i]);
+        let [a, b, c] = mesh.corners(triangle as usize);
         // In double, so that the point is off the plane by its own rounding alone, however large
         // the triangle is.
         let [u, v] = uv.map(f64::from);
@@ -37,17 +36,14 @@ impl Surface {
         let face_normal = unit_normal([a, b, c]);
         let mut normal = face_normal;
         if !mesh.normals.is_empty() {
-            let n = index
-                .iter()
-                .zip(weight)
-                .map(|(&i, w)| mesh.normals[i] * w)
-                .sum::<Vec3>();
+            let normals = mesh.normals_of(triangle as usize).into_iter();
+            let n = normals.zip(weight).map(|(n, w)| n * w).sum::<Vec3>();
             // Averaged normals of hard edges can point to the back; the face's own is right there.
             if n.dot(face_normal) > 1e-3 * n.length() && n.length_squared() > 0.0 {
                 normal = n.normalize();
             }
         }
-        let material = mesh.material[triangle as usize];
+        let material = mesh.material_of(triangle as usize);
         Self {
             position,
             face_normal,
@@ -62,13 +58,13 @@ impl Surface {
     #[must_use]
     pub fn albedo_at(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Rgb {
         let mesh = &scene.mesh;
-        let material = &scene.materials[mesh.material[triangle as usize] as usize];
+        let material = &scene.materials[mesh.material_of(triangle as usize) as usize];
         let mut albedo = Rgb(material.albedo);
         let texture = material.texture.filter(|_| !mesh.uvs.is_empty());
         if texture.is_none() && mesh.colors.is_empty() {
             return albedo;
         }
-        let index = mesh.triangles[triangle as usize].map(|i| i as usize);
+        let index = mesh.vertices_of(triangle as usize).map(|i| i as usize);
         let weight = [1.0 - uv[0] - uv[1], uv[0], uv[1]];
         let corners = index.into_iter().zip(weight);
         if let Some(t) = texture {
@@ -87,12 +83,13 @@ impl Surface {
     #[must_use]
     pub fn emission_at(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Rgb {
         let mesh = &scene.mesh;
-        let material = &scene.materials[mesh.material[triangle as usize] as usize];
+        let material = &scene.materials[mesh.material_of(triangle as usize) as usize];
         let emission = Rgb(material.emission);
         match material.emission_texture.filter(|_| !mesh.uvs.is_empty()) {
             None => emission,
             Some(t) => {
-                let [a, b, c] = mesh.triangles[triangle as usize].map(|i| mesh.uvs[i as usize]);
+                let vertices = mesh.vertices_of(triangle as usize);
+                let [a, b, c] = vertices.map(|i| mesh.uvs[i as usize]);
                 let uv = a * (1.0 - uv[0] - uv[1]) + b * uv[0] + c * uv[1];
                 emission * Rgb(scene.textures[t as usize].sample(uv))
             }

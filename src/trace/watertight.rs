@@ -113,7 +113,7 @@ impl Block {
         let mut indices = [u32::MAX; LANES];
         for (lane, &triangle) in triangles.iter().enumerate() {
             indices[lane] = triangle;
-            for (corner, p) in mesh.corners(triangle as usize).into_iter().enumerate() {
+            for (corner, p) in mesh.own_corners(triangle as usize).into_iter().enumerate() {
                 for a in 0..3 {
                     corners[corner][a][lane] = p[a] * scale;
                 }

@@ -15,7 +15,7 @@ impl Geometry for Tracer<'_> {
     }
 
     fn triangles(&self) -> u32 {
-        self.scene.mesh.triangles.len() as u32
+        self.scene.mesh.flat_count() as u32
     }
 
     fn corners(&self, triangle: u32) -> [Vec3; 3] {
@@ -27,7 +27,7 @@ impl Geometry for Tracer<'_> {
     }
 
     fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32> {
-        let material = self.scene.mesh.material[triangle as usize];
+        let material = self.scene.mesh.material_of(triangle as usize);
         self.pieces.area_over_mean(material)
     }
 }

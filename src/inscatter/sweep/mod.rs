@@ -440,9 +440,15 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
     /// Whether any surface may stand among the media.
     fn has_walls(&self, bounds: Aabb) -> bool {
         let mesh = &self.view.tracer.scene.mesh;
-        (0..mesh.triangles.len()).into_par_iter().any(|i| {
+        let meets = |min: Vec3, max: Vec3| {
+            min.cmple(bounds.max).all() && max.cmpge(bounds.min).all()
+        };
+        let is_within = |i: usize| {
             let [a, b, c] = mesh.corners(i);
-            a.min(b).min(c).cmple(bounds.max).all() && a.max(b).max(c).cmpge(bounds.min).all()
-        })
+            meets(a.min(b).min(c), a.max(b).max(c))
+        };
+        let mut instances = mesh.instances.list().iter();
+        (0..mesh.flat_count()).into_par_iter().any(is_within)
+            || instances.any(|i| meets(i.bounds.min, i.bounds.max))
     }
 }

@@ -57,6 +57,12 @@ pub struct WorldBox {
 pub struct MeshDescription {
     /// Triangles that have an area.
     pub triangles: u64,
+    /// Triangles that are stored, where some are placed many times.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stored_triangles: Option<u64>,
+    /// Places of meshes that are stored once.
+    #[serde(skip_serializing_if = "is_none")]
+    pub instances: u64,
     /// Triangles without area, which are left out.
     pub degenerate_triangles: u64,
     /// Vertices.
@@ -73,6 +79,11 @@ pub struct MeshDescription {
     pub has_uvs: bool,
     /// Bytes of memory.
     pub memory_bytes: u64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_none(count: &u64) -> bool {
+    *count == 0
 }
 
 /// A material.

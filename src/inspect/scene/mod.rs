@@ -103,15 +103,20 @@ fn world_box(points: impl IntoIterator<Item = Vec3>, origin: DVec3) -> Option<Wo
 }
 
 fn mesh(mesh: &Mesh, origin: DVec3) -> MeshDescription {
-    let vertices = mesh.triangles.iter().flatten();
+    let vertices = mesh.triangles[..mesh.flat_count()].iter().flatten();
+    let vertices = vertices.map(|&v| mesh.positions[v as usize]);
+    let instances = mesh.instances.list();
+    let boxes = instances.iter().flat_map(|i| [i.bounds.min, i.bounds.max]);
     MeshDescription {
-        triangles: mesh.triangles.len() as u64,
+        triangles: mesh.triangle_count() as u64,
+        stored_triangles: (!instances.is_empty()).then_some(mesh.triangles.len() as u64),
+        instances: instances.len() as u64,
         degenerate_triangles: mesh.degenerate,
         vertices: mesh.positions.len() as u64,
-        area: (0..mesh.triangles.len())
+        area: (0..mesh.triangle_count())
             .map(|t| f64::from(mesh.area(t)))
             .sum(),
-        bounds: world_box(vertices.map(|&v| mesh.positions[v as usize]), origin),
+        bounds: world_box(vertices.chain(boxes), origin),
         has_normals: !mesh.normals.is_empty(),
         has_colors: !mesh.colors.is_empty(),
         has_uvs: !mesh.uvs.is_empty(),
@@ -137,8 +142,8 @@ fn materials(scene: &Scene) -> Vec<MaterialDescription> {
             area: 0.0,
         })
         .collect();
-    for (t, &material) in scene.mesh.material.iter().enumerate() {
-        let material = &mut found[material as usize];
+    for t in 0..scene.mesh.triangle_count() {
+        let material = &mut found[scene.mesh.material_of(t) as usize];
         material.triangles += 1;
         material.area += f64::from(scene.mesh.area(t));
     }

@@ -193,7 +193,7 @@ impl<'a> Sources<'a> {
     /// `cos` to the normal of an emissive triangle.
     #[must_use]
     pub fn emitter_pdf(&self, hit: &Hit, cos: f32) -> f32 {
-        let material = self.scene.mesh.material[hit.triangle as usize];
+        let material = self.scene.mesh.material_of(hit.triangle as usize);
         let material = &self.scene.materials[material as usize];
         let strength = match material.emission_texture {
             None => strength(material),

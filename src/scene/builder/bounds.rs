@@ -1,5 +1,6 @@
 //! The box around a scene in the making, and the exposure that fits it.
 
+use super::copies::Copies;
 use super::{DEFAULT_FILM, SceneBuilder};
 use crate::scene::Light;
 use glam::DVec3;
@@ -38,6 +39,10 @@ impl SceneBuilder {
             // Vertices that no triangle uses are not part of the picture.
             for v in mesh.triangles.iter().flatten() {
                 bounds.add(mesh.positions[*v as usize]);
+            }
+            for [low, high] in mesh.copies.iter().map(Copies::bounds) {
+                bounds.add(low);
+                bounds.add(high);
             }
         }
         for volume in self.all_volumes() {

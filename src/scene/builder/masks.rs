@@ -64,6 +64,8 @@ pub(super) fn settle(
         kept.1.push(material);
     }
     let dropped = extents.len() - kept.0.len();
+    let is_kept = |t: usize| extents[t] != Extent::Nowhere;
+    mesh.instances.keep(is_kept, extents.len());
     mesh.triangles = kept.0.into();
     mesh.material = kept.1.into();
     if materials.iter().all(|m| m.mask.is_none()) {

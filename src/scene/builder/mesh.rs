@@ -1,7 +1,8 @@
 //! Meshes as they are handed to a builder: f64 positions, materials and textures of their own,
 //! nothing dropped yet.
 
-use super::{MAX_COORDINATE, MAX_EMISSION};
+use super::copies::Copies;
+use super::{MAX_COORDINATE, MAX_EMISSION, is_singular};
 use crate::run::memory;
 use crate::scene::{Material, Texture};
 use crate::{Error, Result};
@@ -33,6 +34,8 @@ pub struct MeshInput {
     pub(in crate::scene) materials: Vec<Material>,
     /// Textures that `materials` refer to.
     pub(in crate::scene) textures: Vec<Texture>,
+    /// Parts that stand at several places, kept once.
+    pub(in crate::scene) copies: Vec<Copies>,
 }
 
 impl MeshInput {
@@ -193,11 +196,51 @@ impl MeshInput {
                 count.saturating_sub(1)
             )));
         }
+        (self.copies.iter()).try_for_each(|copies| {
+            copies.mesh.check()?;
+            self.check_copies(copies)
+        })?;
         self.materials.iter().try_for_each(check_material)
+    }
+
+    /// Refuses places to which a part is taken out of range.
+    fn check_copies(&self, copies: &Copies) -> Result<()> {
+        if let Some(i) = copies.world_from_mesh.iter().position(is_singular) {
+            return Err(Error::input(format!(
+                "the map of instance {i} is singular or not finite: it flattens space"
+            )));
+        }
+        let [min, max] = copies.bounds();
+        let largest = min.abs().max(max.abs()).max_element();
+        if copies.triangles() == 0 || largest <= MAX_COORDINATE {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "an instance reaches {largest:e} from the origin, farther than {MAX_COORDINATE:e}"
+        )))
     }
 
     /// Refuses lists that do not fit each other; readers of files make none.
     pub(super) fn check_lists(&self) -> Result<()> {
+        self.check_lists_of(self.materials.len())?;
+        (self.copies.iter()).try_for_each(|c| c.mesh.check_lists_of(self.materials.len()))?;
+        for material in &self.materials {
+            for index in material.textures() {
+                let texture = self.textures.get(index as usize).ok_or_else(|| {
+                    Error::input(format!(
+                        "material `{}` refers to texture {index}, but there are {}",
+                        material.name,
+                        self.textures.len()
+                    ))
+                })?;
+                texture.check()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses lists of vertices and triangles that do not fit each other and so many materials.
+    fn check_lists_of(&self, materials: usize) -> Result<()> {
         let attributes = [
             ("normals", self.normals.len()),
             ("colours", self.colors.len()),
@@ -217,23 +260,10 @@ impl MeshInput {
                 self.material.len()
             )));
         }
-        let materials = self.materials.len();
         if let Some(&m) = self.material.iter().find(|m| **m as usize >= materials) {
             return Err(Error::input(format!(
                 "a triangle refers to material {m}, but there are {materials}"
             )));
-        }
-        for material in &self.materials {
-            for index in material.textures() {
-                let texture = self.textures.get(index as usize).ok_or_else(|| {
-                    Error::input(format!(
-                        "material `{}` refers to texture {index}, but there are {}",
-                        material.name,
-                        self.textures.len()
-                    ))
-                })?;
-                texture.check()?;
-            }
         }
         Ok(())
     }
@@ -243,6 +273,9 @@ impl MeshInput {
     pub(in crate::scene) fn place(&mut self, world_from_mesh: &DAffine3) {
         if *world_from_mesh == DAffine3::IDENTITY {
             return;
+        }
+        for place in self.copies.iter_mut().flat_map(|c| &mut c.world_from_mesh) {
+            *place = *world_from_mesh * *place;
         }
         for p in &mut self.positions {
             *p = world_from_mesh.transform_point3(*p);
@@ -304,6 +337,10 @@ impl MeshInput {
                 m
             }));
         self.textures.extend(other.textures);
+        self.copies.extend(other.copies.into_iter().map(|mut c| {
+            c.mesh.material.iter_mut().for_each(|m| *m += material);
+            c
+        }));
         Ok(())
     }
 }

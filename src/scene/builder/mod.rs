@@ -5,6 +5,7 @@
 //!
 //! - `camera`, `light`, `environment`, `mesh`, `volume`, `emissive`: what is handed over, and the checks of each
 //! - `bounds`: the box around all, and the exposure that fits it
+//! - `copies`: meshes that stand at many places
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
 //! - `masks`: triangles that masks leave whole, or nothing of
 //! - `emission`: triangles of which a texture leaves no light
@@ -12,6 +13,7 @@
 
 mod bounds;
 mod camera;
+mod copies;
 mod emission;
 mod emissive;
 mod environment;
@@ -139,6 +141,19 @@ impl SceneBuilder {
         self
     }
 
+    /// Adds a mesh that stands at the places of these maps to the world, each of which is invertible.
+    /// Its triangles, and what finds those along rays, are kept once. Where it emits light it is as if
+    /// each place had a mesh of its own.
+    #[must_use]
+    pub fn instances(
+        self,
+        mesh: MeshInput,
+        world_from_mesh: impl IntoIterator<Item = DAffine3>,
+    ) -> Self {
+        let places = world_from_mesh.into_iter().collect();
+        self.mesh(mesh.copied(places))
+    }
+
     /// Sets the frame at which cameras are that move; without it each is at its first key.
     #[must_use]
     pub fn frame(mut self, number: i32) -> Self {
@@ -236,9 +251,10 @@ impl SceneBuilder {
 
     /// Makes the scene of values that are checked, but for its hash and files.
     pub(super) fn finish(mut self, cancel: &Cancel) -> Result<Scene> {
+        (self.meshes.iter_mut()).try_for_each(MeshInput::lay_emitters_flat)?;
         let bounds = self.bounds();
         let mut warnings = Vec::new();
-        if self.meshes.iter().all(|p| p.triangles.is_empty()) && self.has_no_volume() {
+        if self.meshes.iter().all(MeshInput::is_empty) && self.has_no_volume() {
             return Err(Error::input(
                 "the scene has neither triangles nor volumes: there is nothing to render",
             ));

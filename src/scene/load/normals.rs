@@ -18,6 +18,9 @@ const MOST_FACES: usize = 4096;
 /// # Errors
 /// If cancelled.
 pub(super) fn crease(mesh: &mut MeshInput, crease_rad: f64, cancel: &Cancel) -> Result<()> {
+    for copies in &mut mesh.copies {
+        crease(&mut copies.mesh, crease_rad, cancel)?;
+    }
     let corners = mesh.triangles.len() * 3;
     let face = |t: usize| {
         let [a, b, c] = mesh.triangles[t].map(|i| mesh.positions[i as usize]);
@@ -100,6 +103,7 @@ fn split(mesh: &mut MeshInput, normal_of_corner: &[Vec3], cancel: &Cancel) -> Re
     mesh.material = old.material;
     mesh.materials = old.materials;
     mesh.textures = old.textures;
+    mesh.copies = old.copies;
     Ok(())
 }
 

@@ -9,7 +9,7 @@ use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Lens,
+    AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Instances, Lens,
     Light, Mask, Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
@@ -92,6 +92,7 @@ fn scene(
             material: packed.column(PackedColumn::Materials, 0)?,
             opacities: packed.column(PackedColumn::Opacities, 0)?,
             degenerate: meta.mesh.degenerate,
+            instances: Instances::default(),
         },
         materials: materials(meta),
         textures,

@@ -196,7 +196,7 @@ impl EmitterBorders {
             let normal = unit_normal(corners);
             let key = [view.seed, 7, x.into(), y.into(), triangle.into()];
             let seed = sampling::hash(&key) as u32;
-            let index = scene.mesh.material[triangle as usize] as usize;
+            let index = scene.mesh.material_of(triangle as usize) as usize;
             let material = &scene.materials[index];
             let has_texture = material.emission_texture.is_some();
             let mut through = S::Share::default();

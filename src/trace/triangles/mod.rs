@@ -174,7 +174,7 @@ impl TriangleBvh<'_> {
     #[must_use]
     pub fn closest_seen(&self, ray: &Ray, scene: &Scene) -> Option<Hit> {
         let hit = self.closest(ray)?;
-        if is_seen(scene, hit.triangle) {
+        if is_seen(scene, scene.mesh.stored(hit.triangle as usize)) {
             return Some(hit);
         }
         let nearest = match &self.masks {
@@ -362,12 +362,13 @@ struct Seen<'a, T> {
 impl<T: There> There for Seen<'_, T> {
     #[inline]
     fn is_there(&self, triangle: u32, uv: [f32; 2], t: f32) -> bool {
-        is_seen(self.scene, triangle) && self.there.is_there(triangle, uv, t)
+        is_seen(self.scene, triangle as usize) && self.there.is_there(triangle, uv, t)
     }
 }
 
-fn is_seen(scene: &Scene, triangle: u32) -> bool {
-    let material = scene.mesh.material[triangle as usize];
+/// Whether cameras see a triangle, by its place among those that are stored.
+fn is_seen(scene: &Scene, stored: usize) -> bool {
+    let material = scene.mesh.material[stored];
     scene.materials[material as usize].is_seen
 }
 

@@ -60,7 +60,7 @@ impl Item {
 
     /// A triangle of a mesh, `scale` times larger.
     pub(super) fn new(mesh: &Mesh, triangle: u32, scale: f32) -> Self {
-        let [a, b, c] = mesh.corners(triangle as usize).map(|p| p * scale);
+        let [a, b, c] = mesh.own_corners(triangle as usize).map(|p| p * scale);
         // The least of numbers would pass over what is none.
         let finite = if (a + b + c).is_finite() {
             0.0
@@ -208,7 +208,7 @@ impl Group {
     /// is the one that rays find. Once for a group and its parts.
     pub(super) fn drop_equals(&mut self, mesh: &Mesh, items: &mut [Item]) {
         let corners = |item: &Item| {
-            let corners = mesh.corners(item.triangle() as usize);
+            let corners = mesh.own_corners(item.triangle() as usize);
             corners.map(|p| p.to_array().map(f32::to_bits))
         };
         items.par_sort_unstable_by_key(|item| (corners(item), item.triangle()));

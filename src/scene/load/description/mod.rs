@@ -191,6 +191,10 @@ fn mesh(
     files.cancel.check()?;
     mesh.check().map_err(|e| e.at(path.display()))?;
     mesh.place(&world_from_mesh);
+    let of_vertices = ["texture", "emission_texture", "opacity"];
+    if of_vertices.iter().any(|key| table.get(key).is_some()) {
+        mesh.lay_flat()?;
+    }
     surface(table, scene, &mut mesh, files)?;
     files.cancel.check()?;
     shading_normals(table, &mut mesh, &files.cancel)?;
@@ -269,7 +273,7 @@ fn mesh_file(
     };
     let mesh = mesh.map_err(|e| e.at(path.display()))?;
     // A glTF file may hold nothing but cameras, lights or a volume.
-    if mesh.triangles.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
+    if mesh.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
         files.warn(format!(
             "{}: no faces were found; it is left out",
             path.display()
@@ -283,6 +287,7 @@ fn surface(table: &Table<'_>, scene: &Path, mesh: &mut MeshInput, files: &mut Fi
     if let Some(item) = table.get("albedo") {
         let albedo = item.color(1.0)?;
         mesh.colors.clear();
+        (mesh.copies.iter_mut()).for_each(|c| c.mesh.colors.clear());
         for material in &mut mesh.materials {
             material.albedo = albedo;
             material.texture = None;
@@ -478,9 +483,14 @@ fn shading_normals(table: &Table<'_>, mesh: &mut MeshInput, cancel: &Cancel) -> 
         let angle = inner.require("crease_deg")?.number_within(0.0, 180.0)?;
         return normals::crease(mesh, angle.to_radians(), cancel);
     }
+    let copies = || mesh.copies.iter().map(|c| &c.mesh);
+    let has_none = mesh.normals.is_empty() && copies().all(|c| c.normals.is_empty());
     match item.choice(&["face", "given"])? {
-        0 => mesh.normals.clear(),
-        _ if mesh.normals.is_empty() => {
+        0 => {
+            mesh.normals.clear();
+            (mesh.copies.iter_mut()).for_each(|c| c.mesh.normals.clear());
+        }
+        _ if has_none => {
             return Err(item
                 .error("the file has no normals")
                 .hint("use \"face\" or { crease_deg = 40 }"));
