@@ -124,6 +124,20 @@ impl Block {
             triangles: indices,
         }
     }
+
+    /// The first and second corners, by axis.
+    #[inline(always)]
+    pub fn ends(&self) -> [[f32x4; 3]; 2] {
+        let [first, second, _] = self.corners;
+        [first, second]
+    }
+
+    /// A bit for each triangle that is there.
+    #[inline(always)]
+    pub fn present(&self) -> u32 {
+        let there = self.triangles.iter().take_while(|t| **t != u32::MAX);
+        (1 << there.count()) - 1
+    }
 }
 
 /// A ray sheared to run along +z, so that neighbouring triangles see bit-equal edge functions.

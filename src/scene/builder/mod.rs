@@ -28,6 +28,7 @@ pub use emissive::EmissiveInput;
 pub use environment::EnvironmentInput;
 pub use light::LightInput;
 pub use mesh::MeshInput;
+pub(super) use copies::Copies;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 

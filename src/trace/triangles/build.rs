@@ -1,5 +1,6 @@
 //! The hierarchy over the triangles of a mesh, from the top down.
 
+use super::instances::InstanceBvh;
 use super::slab_ray::MAX_ENTRIES;
 use super::split::{Bounds, Group, Item, Plane};
 use super::{Blocks, Child, Node, TriangleBvh, WIDTH};
@@ -10,6 +11,7 @@ use crate::trace::watertight::{Block, LANES, VertexBlock};
 use arrayvec::ArrayVec;
 use rayon::prelude::*;
 use std::convert::Infallible;
+use std::ops::Range;
 use wide::f32x8;
 
 /// Levels of nodes. Each leaves all but one child of a node to be visited later, which is what
@@ -31,7 +33,7 @@ impl<'a> TriangleBvh<'a> {
     /// Builds the hierarchy.
     #[must_use]
     pub fn new(mesh: &'a Mesh) -> Self {
-        let Ok(bvh) = Self::over(mesh, is_large(mesh), || Ok::<_, Infallible>(()));
+        let Ok(bvh) = Self::over_all(mesh, || Ok::<_, Infallible>(()));
         bvh
     }
 
@@ -40,29 +42,116 @@ impl<'a> TriangleBvh<'a> {
     /// # Errors
     /// If cancelled.
     pub fn new_until(mesh: &'a Mesh, cancel: &Cancel) -> Result<Self> {
-        Self::over(mesh, is_large(mesh), || cancel.check())
+        Self::over_all(mesh, || cancel.check())
     }
 
-    /// The hierarchy of all triangles, the same for any number of threads, with blocks that know
+    /// The hierarchy over flat triangles, and those over instances if there are any.
+    fn over_all<E: Send>(
+        mesh: &'a Mesh,
+        go_on: impl Fn() -> Result<(), E> + Sync,
+    ) -> Result<Self, E> {
+        let by_vertex = is_large(mesh);
+        let mut all = Self::over(mesh, 0..mesh.flat_count() as u32, by_vertex, &go_on)?;
+        let prototypes = mesh.instances.prototypes().par_iter();
+        let prototypes =
+            prototypes.map(|p| Self::over(mesh, p.triangles.clone(), by_vertex, &go_on));
+        let prototypes = prototypes.collect::<Result<_, E>>()?;
+        all.instances = InstanceBvh::new(mesh, prototypes).map(Box::new);
+        Ok(all)
+    }
+
+    /// The hierarchy over triangles that only stand for their boxes.
+    pub(super) fn of_boxes(mesh: &Mesh) -> TriangleBvh<'static> {
+        let triangles = 0..mesh.triangles.len() as u32;
+        let maker = Maker {
+            mesh,
+            go_on: || Ok::<_, Infallible>(()),
+            drops_equals: false,
+        };
+        let Ok(Tables {
+            nodes,
+            blocks,
+            scale,
+        }) = maker.tables(triangles, false);
+        TriangleBvh {
+            nodes: nodes.into(),
+            blocks,
+            scale,
+            ..TriangleBvh::default()
+        }
+    }
+
+    /// The hierarchy of triangles, by their places among all that are stored, the same for any number of threads, with blocks that know
     /// their vertices or their corners; `go_on` is asked at each split, and ends it with its error.
     pub(super) fn over<E: Send>(
         mesh: &'a Mesh,
+        triangles: Range<u32>,
         by_vertex: bool,
         go_on: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<Self, E> {
-        let scale = scale_of(mesh);
-        let triangles = 0..mesh.triangles.len() as u32;
+        let maker = Maker {
+            mesh,
+            go_on,
+            drops_equals: true,
+        };
+        let Tables {
+            nodes,
+            blocks,
+            scale,
+        } = maker.tables(triangles, by_vertex)?;
+        if nodes.is_empty() {
+            return Ok(Self::default());
+        }
+        Ok(Self {
+            blocks,
+            nodes: nodes.into(),
+            positions: &mesh.positions,
+            scale,
+            masks: None,
+            instances: None,
+        })
+    }
+}
+
+/// Triangles from which on blocks know their vertices: 24 bytes a triangle less count for more, there,
+/// than frames that take a seventh longer.
+const LARGE: usize = 1 << 22;
+
+fn is_large(mesh: &Mesh) -> bool {
+    mesh.triangles.len() >= LARGE
+}
+
+/// What a hierarchy consists of.
+#[derive(Default)]
+struct Tables {
+    nodes: Vec<Node>,
+    blocks: Blocks,
+    scale: f32,
+}
+
+/// What makes the nodes. Their leaves have triangles in the place of blocks.
+struct Maker<'a, F> {
+    mesh: &'a Mesh,
+    go_on: F,
+    /// Whether of equal triangles only the first is kept.
+    drops_equals: bool,
+}
+
+impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
+    /// Makes all for some triangles.
+    fn tables(&self, triangles: Range<u32>, by_vertex: bool) -> Result<Tables, E> {
+        let mesh = self.mesh;
+        let scale = scale_of(mesh, &triangles);
         let items = triangles.into_par_iter();
         let mut items: Vec<Item> = items.map(|t| Item::new(mesh, t, scale)).collect();
         // The others are never met, and have no place.
         items.retain(Item::is_finite);
         if items.is_empty() {
-            return Ok(Self::default());
+            return Ok(Tables::default());
         }
         let mut nodes = Vec::new();
         let all = Group::new(&items, 0);
-        let maker = Maker { mesh, go_on };
-        maker.add(&mut nodes, &mut items, all, 1)?;
+        self.add(&mut nodes, &mut items, all, 1)?;
         nodes.shrink_to_fit();
         let order: Vec<u32> = items.par_iter().map(Item::triangle).collect();
         drop(items);
@@ -78,7 +167,7 @@ impl<'a> TriangleBvh<'a> {
                 *child = Child::leaf(first, blocks.len() - first);
             }
         }
-        (maker.go_on)()?;
+        (self.go_on)()?;
         let blocks = blocks.into_par_iter();
         let blocks = match by_vertex {
             true => {
@@ -90,31 +179,13 @@ impl<'a> TriangleBvh<'a> {
                 Blocks::Corners(blocks.collect::<Vec<_>>().into())
             }
         };
-        Ok(Self {
+        Ok(Tables {
+            nodes,
             blocks,
-            nodes: nodes.into(),
-            positions: &mesh.positions,
             scale,
-            masks: None,
         })
     }
-}
 
-/// Triangles from which on blocks know their vertices: 24 bytes a triangle less count for more, there,
-/// than frames that take a seventh longer.
-const LARGE: usize = 1 << 22;
-
-fn is_large(mesh: &Mesh) -> bool {
-    mesh.triangles.len() >= LARGE
-}
-
-/// What makes the nodes. Their leaves have triangles in the place of blocks.
-struct Maker<'a, F> {
-    mesh: &'a Mesh,
-    go_on: F,
-}
-
-impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
     /// Adds the node over a group, whose items these are, and all below it.
     fn add(
         &self,
@@ -194,7 +265,7 @@ impl<E: Send, F: Fn() -> Result<(), E> + Sync> Maker<'_, F> {
             let parts = match plane {
                 _ if is_leaf(&group, plane.as_ref(), CHILD_COST) => None,
                 Some(plane) => Some(group.part(items, plane)),
-                None if group.is_distinct() => Some(group.halve(items)),
+                None if group.is_distinct() || !self.drops_equals => Some(group.halve(items)),
                 None => {
                     group.drop_equals(self.mesh, items);
                     groups[i] = (group, is_small(&group));
@@ -278,9 +349,10 @@ impl Node {
     }
 }
 
-/// The power of two that makes the largest coordinate of a mesh about 1.
-fn scale_of(mesh: &Mesh) -> f32 {
-    let corners = mesh.triangles.par_iter().map(|t| {
+/// The power of two that makes the largest coordinate of triangles about 1.
+fn scale_of(mesh: &Mesh, triangles: &Range<u32>) -> f32 {
+    let triangles = &mesh.triangles[triangles.start as usize..triangles.end as usize];
+    let corners = triangles.par_iter().map(|t| {
         let corners = t.map(|i| mesh.positions[i as usize].abs().max_element());
         let finite = corners.into_iter().filter(|v| v.is_finite());
         finite.fold(0.0, f32::max)

@@ -1,5 +1,6 @@
 //! Rays among triangles that are there in part.
 
+use super::instances::InstanceBvh;
 use super::packet::Member;
 use super::{Blocks, Corners, LANES, Seen, There, TriangleBvh};
 use crate::math::{Hit, Ray};
@@ -57,6 +58,10 @@ impl<'a> TriangleBvh<'a> {
         };
         let nearest = self.closest_where(ray, &seen);
         let hit = nearest.hit(self.scale);
+        if let Some(instances) = &self.instances {
+            let passed = watched.passed.get() / self.scale;
+            return closest_among(instances, ray, hit, (scene, masks), passed);
+        }
         let ends_on_mask = hit.is_some_and(|hit| masks.of_triangle(hit.triangle).is_some());
         (hit, ends_on_mask || watched.passed.get() < nearest.t_end)
     }
@@ -91,6 +96,20 @@ impl<'a> TriangleBvh<'a> {
 
     #[inline(never)]
     fn let_through_masked(&self, masks: &Masks, ray: &Ray) -> f32 {
+        let mut through = self.let_through_own(masks, ray);
+        if let Some(instances) = &self.instances
+            && through > 0.0
+        {
+            instances.visit(ray, |prototype, ray| {
+                through *= prototype.let_through_own(masks, ray);
+                through > 0.0
+            });
+        }
+        through
+    }
+
+    /// The same without instances.
+    fn let_through_own(&self, masks: &Masks, ray: &Ray) -> f32 {
         match &self.blocks {
             Blocks::Corners(blocks) => self.let_through_by(&&blocks[..], masks, ray),
             Blocks::Vertices(blocks) => self.let_through_by(&self.by_vertex(blocks), masks, ray),
@@ -113,6 +132,37 @@ impl<'a> TriangleBvh<'a> {
         });
         through
     }
+}
+
+/// What [`TriangleBvh::closest_seen_and_masked`] finds, where a ray among what is no instance ends at
+/// a hit, and has `passed` a mask so far from its origin.
+#[inline(never)]
+fn closest_among(
+    instances: &InstanceBvh,
+    ray: &Ray,
+    hit: Option<Hit>,
+    (scene, masks): (&Scene, &Masks),
+    mut passed: f32,
+) -> (Option<Hit>, bool) {
+    let hit = instances.closest(ray, hit, |prototype, ray| {
+        let watched = Watched {
+            masks,
+            passed: Cell::new(f32::INFINITY),
+        };
+        let seen = Seen {
+            scene,
+            there: &watched,
+        };
+        let hit = prototype.closest_where(ray, &seen).hit(prototype.scale);
+        passed = passed.min(watched.passed.get() / prototype.scale);
+        hit
+    });
+    let has_mask = |hit: Hit| {
+        let stored = scene.mesh.stored(hit.triangle as usize);
+        masks.of_triangle(stored as u32).is_some()
+    };
+    let end = hit.map_or(ray.t_max, |hit| hit.t);
+    (hit, hit.is_some_and(has_mask) || passed < end)
 }
 
 #[cfg(test)]

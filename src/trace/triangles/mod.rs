@@ -2,12 +2,13 @@
 //! eight wide.
 //!
 //! `build` makes the nodes from the top down, `split` finds where triangles part; `slab_ray` is the
-//! test of a ray against boxes, `packet` the way of rays that go much the same way, `masked` is what else
+//! test of a ray against boxes, `instances` what finds meshes that are placed many times, `packet` the way of rays that go much the same way, `masked` is what else
 //! scenes with masks need, and `packed` is how the hierarchy lies in a packed scene. The crate
 //! `obvhs` builds and walks hierarchies, too, but slower (`cargo bench --bench rays`), leaks at
 //! edges that triangles share, and takes a time that is quadratic in triangles at one place.
 
 mod build;
+mod instances;
 mod masked;
 mod packed;
 mod packet;
@@ -19,6 +20,7 @@ use crate::column::Column;
 use crate::math::{Hit, Ray};
 use crate::scene::{Masks, Mesh, Scene};
 use glam::Vec3;
+use instances::InstanceBvh;
 use slab_ray::{SlabRay, Stack};
 use std::borrow::Borrow;
 use std::ops::Range;
@@ -37,6 +39,8 @@ pub struct TriangleBvh<'a> {
     scale: f32,
     /// Where triangles are there; `None` if all are everywhere.
     masks: Option<Masks<'a>>,
+    /// What stands among the triangles, behind all of them in number.
+    instances: Option<Box<InstanceBvh<'a>>>,
 }
 
 /// The triangles of leaves.
@@ -162,12 +166,36 @@ impl TriangleBvh<'_> {
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         if let Some(masks) = &self.masks {
-            return self.closest_where(ray, masks).hit(self.scale);
+            return self.closest_there(ray, masks);
+        }
+        if self.instances.is_some() {
+            return self.closest_there(ray, &Whole);
         }
         match &self.blocks {
             Blocks::Corners(blocks) => self.closest_of(&&blocks[..], ray, &Whole).hit(self.scale),
             Blocks::Vertices(blocks) => self.closest_by_vertex(blocks, ray),
         }
+    }
+
+    /// The nearest hit along a ray, of instances, too, where triangles are there.
+    #[inline(never)]
+    fn closest_there(&self, ray: &Ray, there: &impl There) -> Option<Hit> {
+        let hit = self.closest_where(ray, there).hit(self.scale);
+        match &self.instances {
+            None => hit,
+            Some(instances) => instances.closest(ray, hit, |prototype, ray| {
+                prototype.closest_where(ray, there).hit(prototype.scale)
+            }),
+        }
+    }
+
+    /// The nearest hit along a ray, without instances, where triangles are there by these masks.
+    fn closest_own(&self, ray: &Ray, masks: Option<&Masks>) -> Option<Hit> {
+        let nearest = match masks {
+            Some(masks) => self.closest_where(ray, masks),
+            None => self.closest_where(ray, &Whole),
+        };
+        nearest.hit(self.scale)
     }
 
     /// The nearest hit along a ray of a camera: of triangles that cameras see in a scene.
@@ -177,23 +205,22 @@ impl TriangleBvh<'_> {
         if is_seen(scene, scene.mesh.stored(hit.triangle as usize)) {
             return Some(hit);
         }
-        let nearest = match &self.masks {
-            Some(masks) => self.closest_where(
+        match &self.masks {
+            Some(masks) => self.closest_there(
                 ray,
                 &Seen {
                     scene,
                     there: masks,
                 },
             ),
-            None => self.closest_where(
+            None => self.closest_there(
                 ray,
                 &Seen {
                     scene,
                     there: &Whole,
                 },
             ),
-        };
-        nearest.hit(self.scale)
+        }
     }
 
     /// The nearest hit along a ray, where triangles are there.
@@ -209,11 +236,39 @@ impl TriangleBvh<'_> {
     #[must_use]
     pub fn is_occluded(&self, ray: &Ray) -> bool {
         if let Some(masks) = &self.masks {
-            return self.is_occluded_masked(masks, ray);
+            return self.is_occluded_masked(masks, ray) || self.is_among(ray);
+        }
+        if self.instances.is_some() {
+            return self.is_occluded_whole(ray) || self.is_among(ray);
         }
         match &self.blocks {
             Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray, &Whole),
             Blocks::Vertices(blocks) => self.is_occluded_by_vertex(blocks, ray),
+        }
+    }
+
+    /// Whether a ray meets any instance.
+    #[inline(never)]
+    fn is_among(&self, ray: &Ray) -> bool {
+        let Some(instances) = &self.instances else {
+            return false;
+        };
+        let mut is_met = false;
+        instances.visit(ray, |prototype, ray| {
+            is_met = match &self.masks {
+                Some(masks) => prototype.is_occluded_masked(masks, ray),
+                None => prototype.is_occluded_whole(ray),
+            };
+            !is_met
+        });
+        is_met
+    }
+
+    #[inline(never)]
+    fn is_occluded_whole(&self, ray: &Ray) -> bool {
+        match &self.blocks {
+            Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray, &Whole),
+            Blocks::Vertices(blocks) => self.is_occluded_by(&self.by_vertex(blocks), ray, &Whole),
         }
     }
 

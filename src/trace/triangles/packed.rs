@@ -44,6 +44,7 @@ impl<'a> TriangleBvh<'a> {
                 positions: &scene.mesh.positions,
                 scale: hierarchy.scale,
                 masks: Masks::of(scene),
+                instances: None,
             }),
             // Without triangles, or with none that any ray could meet.
             None => Ok(Self::default()),
@@ -125,6 +126,7 @@ mod tests {
             positions: &[],
             scale: TriangleBvh::new(&scene.mesh).scale,
             masks: None,
+            instances: None,
         };
         let right = blocks(&scene.mesh);
         assert!(of(right.clone()).has_right_blocks(&scene.mesh));

@@ -1,19 +1,21 @@
 //! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek,
 //! Benthin & Wagner 2001).
 
+use super::instances::InstanceBvh;
 use super::slab_ray::{SlabRay, Stack, push_sorted};
 use super::{Blocks, Child, Corners, Nearest, There, TriangleBvh, Whole};
 use crate::math::{Hit, Ray};
+use crate::scene::Masks;
 use crate::trace::watertight::{ShearedRay, VertexBlock};
 use arrayvec::ArrayVec;
 use std::borrow::Borrow;
 use wide::f32x8;
 
 /// Rays of a packet, at most.
-const PACKET: usize = 64;
+pub(super) const PACKET: usize = 64;
 
 /// Number of active rays of a packet at or below which they go on by themselves.
-const MIN_RAYS_TOGETHER: u32 = 2;
+pub(super) const MIN_RAYS_TOGETHER: u32 = 2;
 
 /// The rays of a packet, one bit each.
 type Mask = u64;
@@ -29,6 +31,19 @@ impl TriangleBvh<'_> {
     /// Finds what [`Self::closest`] does for each ray of a packet, to the bit; `hits` has as many.
     /// Faster where rays that follow each other are near each other and go much the same way.
     pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        if let Some(instances) = &self.instances {
+            return self.closest_among_of_packet(instances, rays, hits);
+        }
+        self.closest_of_own_packet(rays, hits, self.masks.as_ref());
+    }
+
+    /// The same without instances, where triangles are there by these masks.
+    pub(super) fn closest_of_own_packet(
+        &self,
+        rays: &[Ray],
+        hits: &mut [Option<Hit>],
+        masks: Option<&Masks>,
+    ) {
         if self.nodes.is_empty() {
             hits.fill(None);
             return;
@@ -43,7 +58,7 @@ impl TriangleBvh<'_> {
                     nearest: Nearest::new(ray.t_max),
                 }
             }));
-            match (&self.masks, &self.blocks) {
+            match (masks, &self.blocks) {
                 (Some(masks), _) => self.trace_masked(masks, &mut packet),
                 (None, Blocks::Corners(blocks)) => self.trace(&&blocks[..], &mut packet, &Whole),
                 (None, Blocks::Vertices(blocks)) => self.trace_by_vertex(blocks, &mut packet),
@@ -51,6 +66,25 @@ impl TriangleBvh<'_> {
             for (hit, member) in hits.iter_mut().zip(&packet) {
                 *hit = member.nearest.hit(self.scale);
             }
+        }
+    }
+
+    #[inline(never)]
+    fn closest_among_of_packet(
+        &self,
+        instances: &InstanceBvh,
+        rays: &[Ray],
+        hits: &mut [Option<Hit>],
+    ) {
+        let masks = self.masks.as_ref();
+        for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
+            self.closest_of_own_packet(rays, hits, masks);
+            instances.closest_of_packet(
+                rays,
+                hits,
+                |prototype, ray| prototype.closest_own(ray, masks),
+                |prototype, rays, hits| prototype.closest_of_own_packet(rays, hits, masks),
+            );
         }
     }
 
@@ -118,7 +152,7 @@ impl TriangleBvh<'_> {
 
 /// Iterates over the rays that a mask has.
 #[inline(always)]
-fn members(mut mask: Mask) -> impl Iterator<Item = usize> {
+pub(super) fn members(mut mask: Mask) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         (mask != 0).then(|| {
             let k = mask.trailing_zeros() as usize;
@@ -181,7 +215,10 @@ mod tests {
     fn blocks_by_vertex_meet_what_blocks_of_corners_meet() {
         let mut mesh = doubled();
         mesh.positions.iter_mut().for_each(|p| *p *= 3e4);
-        let built = |by_vertex| TriangleBvh::over(&mesh, by_vertex, || Ok::<_, ()>(())).unwrap();
+        let built = |by_vertex| {
+            let all = 0..mesh.triangles.len() as u32;
+            TriangleBvh::over(&mesh, all, by_vertex, || Ok::<_, ()>(())).unwrap()
+        };
         let [corners, vertices] = [false, true].map(built);
         assert!(matches!(vertices.blocks, Blocks::Vertices(_)));
         assert_eq!(corners.blocks.len(), vertices.blocks.len());

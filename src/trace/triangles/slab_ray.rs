@@ -2,8 +2,9 @@
 
 use super::{Child, Node};
 use crate::math::Ray;
+use crate::trace::watertight::{Block, LANES};
 use arrayvec::ArrayVec;
-use wide::f32x8;
+use wide::{f32x4, f32x8};
 
 /// Children that are still to be visited, each with the distance at which the ray enters it.
 pub(super) type Stack<T> = ArrayVec<(f32, T), MAX_ENTRIES>;
@@ -64,6 +65,25 @@ impl SlabRay {
             far = far.fast_min((node.planes[self.last[a]] - o) * inverse);
         }
         (near, near.simd_le(far * f32x8::splat(Self::ROUNDING)))
+    }
+
+    /// Returns the distances at which the ray enters boxes, of which corners of triangles are the
+    /// ends, and a bit for each of them that it enters before `t_end`.
+    #[inline]
+    pub(super) fn meet_boxes(&self, boxes: &Block, t_end: f32) -> ([f32; LANES], u32) {
+        let [low, high] = boxes.ends();
+        let (mut near, mut far) = (f32x4::ZERO, f32x4::splat(t_end));
+        for a in 0..3 {
+            let (o, inverse) = (f32x4::splat(self.origin[a]), f32x4::splat(self.inverse[a]));
+            let (first, last) = match self.inverse[a] < 0.0 {
+                true => (high[a], low[a]),
+                false => (low[a], high[a]),
+            };
+            near = near.fast_max((first - o) * inverse);
+            far = far.fast_min((last - o) * inverse);
+        }
+        let is_met = near.simd_le(far * f32x4::splat(Self::ROUNDING)).to_bitmask();
+        (near.to_array(), is_met & boxes.present())
     }
 
     /// The nearest child whose box the ray enters before `t_end`; the others go on the stack, the

@@ -3,6 +3,7 @@
 
 use super::super::files::text_start;
 use super::extensions;
+use super::instancing::{self, PlaceLists};
 use crate::{Error, Result};
 use ::gltf::json::Root;
 use ::gltf::{Document, Glb, Gltf};
@@ -17,6 +18,8 @@ pub(super) struct Opened {
     pub(super) gltf: Gltf,
     /// Whether each node is hidden, and what is below it.
     pub(super) is_hidden: Vec<bool>,
+    /// By node, the places of its mesh, if they are listed.
+    pub(super) place_lists: Vec<Option<PlaceLists>>,
     /// Extensions of materials that say of each that it has nothing of their kind.
     pub(super) idle: Vec<&'static str>,
 }
@@ -41,6 +44,7 @@ pub(super) fn open(content: &[u8]) -> Result<Opened> {
     extensions::check_required(&value)?;
     mend(&mut value);
     let is_hidden = hidden(&value);
+    let place_lists = instancing::lists(&value);
     let idle = extensions::idle(&value);
     let root: Root = serde_json::from_value(value).map_err(|e| unreadable(&e))?;
     check_attributes(&root)?;
@@ -48,6 +52,7 @@ pub(super) fn open(content: &[u8]) -> Result<Opened> {
     Ok(Opened {
         gltf: Gltf { document, blob },
         is_hidden,
+        place_lists,
         idle,
     })
 }

@@ -6,7 +6,8 @@ use gltf::{Document, Material};
 use serde_json::Value;
 
 /// Extensions that are read here or by the crate.
-const READ: [&str; 5] = [
+const READ: [&str; 6] = [
+    "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -30,10 +31,11 @@ const NOT_OF_LOOKS: [&str; 9] = [
 
 /// Beginnings of the names of extensions without which a file can be drawn: what they add is left
 /// out, or is none of looks.
-const KNOWN: [&str; 15] = [
+const KNOWN: [&str; 16] = [
     "ADOBE_materials_",
     "EXT_lights_",
     "EXT_materials_",
+    "EXT_mesh_gpu_instancing",
     "EXT_texture_",
     "KHR_animation",
     "KHR_lights_",
@@ -49,7 +51,7 @@ const KNOWN: [&str; 15] = [
 ];
 
 /// Extensions without which there are no meshes, and the cure.
-const NEEDED: [(&str, &str); 4] = [
+const NEEDED: [(&str, &str); 3] = [
     (
         "KHR_draco_mesh_compression",
         "write it without, for example with `gltf-transform copy` or Blender's export",
@@ -61,10 +63,6 @@ const NEEDED: [(&str, &str); 4] = [
     (
         "KHR_meshopt_compression",
         "write it without, for example with `gltf-transform copy`",
-    ),
-    (
-        "EXT_mesh_gpu_instancing",
-        "write a node for each instance, for example with `gltf-transform uninstance`",
     ),
 ];
 

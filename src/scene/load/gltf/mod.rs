@@ -9,11 +9,12 @@
 //! others are warned of.
 //!
 //! - `document`: parses a file and mends what others write; `extensions`: which are read
-//! - `buffers`: the bytes of a document; `masks`: where surfaces are there; `placed`: where textures lie; here: nodes, meshes, materials, cameras and lights
+//! - `buffers`: the bytes of a document; `instancing`: meshes that are placed many times; `masks`: where surfaces are there; `placed`: where textures lie; here: nodes, meshes, materials, cameras and lights
 
 mod buffers;
 mod document;
 mod extensions;
+mod instancing;
 mod masks;
 mod placed;
 
@@ -34,6 +35,7 @@ use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
 use buffers::Buffers;
+use instancing::{KeptOnce, PlaceLists};
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
 use placed::{is_placed_alike, set_of, transform_uvs, wrap};
 use std::collections::HashMap;
@@ -125,12 +127,23 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Imp
         textures: HashMap::new(),
         alphas: HashMap::new(),
         is_hidden: opened.is_hidden,
+        place_lists: opened.place_lists,
+        kept_once: Vec::new(),
         out: Import::default(),
         list: MeshInput::default(),
         left_out: LeftOut::default(),
     };
     extensions::note(reader.document, &opened.idle, &mut reader.left_out);
-    reader.nodes()?;
+    let nodes = reader.nodes()?;
+    let counts = nodes.iter().map(|(n, _)| (n, reader.count_of_places(n)));
+    reader.kept_once = instancing::kept_once(reader.document, counts)?;
+    for (node, world_from_node) in &nodes {
+        let place = || format!("node {}{}", node.index(), quoted(node.name()));
+        let read = reader.node(node, world_from_node);
+        read.map_err(|e| e.at(place()))?;
+    }
+    let kept = std::mem::take(&mut reader.kept_once);
+    (reader.out.mesh.copies).extend(kept.into_iter().flatten().flatten());
     let materials = reader.document.materials().len();
     reader.left_out.tell(path, materials, reader.files);
     reader.out.mesh.materials = reader.list.materials;
@@ -153,14 +166,18 @@ struct Reader<'a> {
     alphas: HashMap<(usize, [Wrap; 2]), Option<u32>>,
     /// Whether each node is hidden, and what is below it.
     is_hidden: Vec<bool>,
+    /// By node, the places of its mesh, if they are listed.
+    place_lists: Vec<Option<PlaceLists>>,
+    kept_once: KeptOnce,
     out: Import,
     left_out: LeftOut,
     /// Holds the materials and textures, which all meshes share.
     list: MeshInput,
 }
 
-impl Reader<'_> {
-    fn nodes(&mut self) -> Result<()> {
+impl<'a> Reader<'a> {
+    /// The nodes of the scene that are to be seen, parents first, with their maps to the world.
+    fn nodes(&self) -> Result<Vec<(Node<'a>, DAffine3)>> {
         let document = self.document;
         let scene = document
             .default_scene()
@@ -176,6 +193,7 @@ impl Reader<'_> {
         // Children in order of the file: the last in comes out first.
         stack.reverse();
         let mut seen = vec![false; document.nodes().len()];
+        let mut nodes = Vec::new();
         while let Some((node, world_from_parent)) = stack.pop() {
             let index = node.index();
             if std::mem::replace(&mut seen[index], true) {
@@ -187,13 +205,12 @@ impl Reader<'_> {
                 continue;
             }
             let world_from_node = world_from_parent * local(&node);
-            self.node(&node, &world_from_node)
-                .map_err(|e| e.at(format!("node {index}{}", quoted(node.name()))))?;
             let children = stack.len();
             stack.extend(node.children().map(|child| (child, world_from_node)));
             stack[children..].reverse();
+            nodes.push((node, world_from_node));
         }
-        Ok(())
+        Ok(nodes)
     }
 
     fn node(&mut self, node: &Node<'_>, world_from_node: &DAffine3) -> Result<()> {
@@ -205,18 +222,16 @@ impl Reader<'_> {
             return Ok(());
         }
         if let Some(mesh) = node.mesh() {
-            for primitive in mesh.primitives() {
-                let mut part = self
-                    .primitive(&primitive)
-                    .map_err(|e| e.at(format!("primitive {}", primitive.index())))?;
-                part.place(world_from_node);
-                let total = self.out.mesh.positions.len() + part.positions.len();
-                if total > u32::MAX as usize {
-                    return Err(Error::input(
-                        "more vertices than can be indexed with 32 bits",
-                    ));
-                }
-                self.out.mesh.append(part)?;
+            let places = self.places(node)?.into_iter();
+            let places = places.map(|place| *world_from_node * place);
+            let (flattened, places) = places.partition::<Vec<_>, _>(is_singular);
+            if !flattened.is_empty() {
+                let what = "instances that are scaled to nothing are left out";
+                self.left_out.note(what, format_args!("{}", flattened.len()));
+            }
+            let flat = self.keep_once(&mesh, places)?.unwrap_or_default();
+            for world_from_mesh in &flat {
+                self.flat(&mesh, world_from_mesh)?;
             }
         }
         if let Some(camera) = node.camera() {
@@ -238,6 +253,27 @@ impl Reader<'_> {
             Some(light) => self.light(&light, world_from_node),
             None => Ok(()),
         }
+    }
+
+    /// Adds a mesh at a place.
+    fn flat(&mut self, mesh: &::gltf::Mesh<'_>, world_from_mesh: &DAffine3) -> Result<()> {
+        for primitive in mesh.primitives() {
+            let mut part = self.part(&primitive)?;
+            part.place(world_from_mesh);
+            let total = self.out.mesh.positions.len() + part.positions.len();
+            if total > u32::MAX as usize {
+                return Err(Error::input(
+                    "more vertices than can be indexed with 32 bits",
+                ));
+            }
+            self.out.mesh.append(part)?;
+        }
+        Ok(())
+    }
+
+    fn part(&mut self, primitive: &Primitive<'_>) -> Result<MeshInput> {
+        let part = self.primitive(primitive);
+        part.map_err(|e| e.at(format!("primitive {}", primitive.index())))
     }
 
     fn light(&mut self, light: &PunctualLight<'_>, world_from_node: &DAffine3) -> Result<()> {
@@ -531,21 +567,22 @@ fn local(node: &Node<'_>) -> DAffine3 {
             translation,
             rotation,
             scale,
-        } => {
-            let rotation = DQuat::from_array(rotation.map(f64::from));
-            // A quaternion of zeros becomes no rotation rather than no numbers.
-            let length = rotation.length();
-            let rotation = match length.is_finite() && length > 0.0 {
-                true => rotation / length,
-                false => DQuat::IDENTITY,
-            };
-            DAffine3::from_scale_rotation_translation(
-                DVec3::from(scale.map(f64::from)),
-                rotation,
-                DVec3::from(translation.map(f64::from)),
-            )
-        }
+        } => local_of(
+            DVec3::from(translation.map(f64::from)),
+            DQuat::from_array(rotation.map(f64::from)),
+            DVec3::from(scale.map(f64::from)),
+        ),
     }
+}
+
+fn local_of(translation: DVec3, rotation: DQuat, scale: DVec3) -> DAffine3 {
+    // A quaternion of zeros becomes no rotation rather than no numbers.
+    let length = rotation.length();
+    let rotation = match length.is_finite() && length > 0.0 {
+        true => rotation / length,
+        false => DQuat::IDENTITY,
+    };
+    DAffine3::from_scale_rotation_translation(scale, rotation, translation)
 }
 
 /// The rotation and position that come nearest to a map that is not singular; its z axis keeps its

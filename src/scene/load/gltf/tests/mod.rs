@@ -281,6 +281,7 @@ fn required_extensions_are_no_reason_to_refuse_what_can_be_drawn() {
         "KHR_materials_clearcoat",
         "KHR_xmp_json_ld",
         "MSFT_lod",
+        "EXT_mesh_gpu_instancing",
     ] {
         json["extensionsRequired"] = json!([name]);
         json["extensionsUsed"] = json!([name]);
@@ -289,7 +290,7 @@ fn required_extensions_are_no_reason_to_refuse_what_can_be_drawn() {
     for name in [
         "KHR_draco_mesh_compression",
         "EXT_meshopt_compression",
-        "EXT_mesh_gpu_instancing",
+        "KHR_meshopt_compression",
         "ACME_fur",
     ] {
         json["extensionsRequired"] = json!([name]);
