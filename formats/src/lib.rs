@@ -84,8 +84,8 @@ pub use opened::Opened;
 pub use packed::{
     COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
     PackedCameraKey, PackedColumn, PackedEmissionTexture, PackedEnvironment, PackedFilm,
-    PackedFormat, PackedHierarchy, PackedImage, PackedLens, PackedLight, PackedMask, PackedMasks,
-    PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture,
+    PackedFormat, PackedHierarchy, PackedImage, PackedInstances, PackedLens, PackedLight, PackedMask, PackedMasks,
+    PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedPrototype, PackedSummary, PackedTexture,
     PackedVolume, PackedWrap, PackedWriter,
 };
 pub use record::{

@@ -97,7 +97,7 @@ pub fn run(
         let hierarchy = TriangleBvh::of_scene(scene, &job.cancel)?;
         let tables = packed::level_tables(scene)?;
         let mut meta = packed::description(scene, &tables);
-        meta.hierarchy = hierarchy.description();
+        hierarchy.describe(&mut meta);
         meta.areas = Pieces::areas(scene);
         let bytes = |file: Option<&MappedFile>| file.map_or(0, |f| f.as_ref().len() as u64);
         meta.tree_bytes = bytes(tree.as_ref().map(Opened::data));

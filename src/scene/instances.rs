@@ -8,6 +8,7 @@ use super::Mesh;
 use crate::math::Aabb;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Triangles that are kept once: where they are stored in the mesh.
@@ -138,6 +139,13 @@ impl Instances {
         })
     }
 
+    /// Sets the box around each, in their order.
+    pub(super) fn set_bounds(&mut self, bounds: impl Iterator<Item = Aabb>) {
+        for (instance, bounds) in self.list.iter_mut().zip(bounds) {
+            instance.bounds = bounds;
+        }
+    }
+
     /// Whether there are none.
     #[must_use]
     #[inline]
@@ -224,6 +232,11 @@ impl Instances {
             *self = kept;
         }
     }
+}
+
+fn area_of(corners: [Vec3; 3]) -> f64 {
+    let [a, b, c] = corners.map(|p| p.as_dvec3());
+    0.5 * (b - a).cross(c - a).length()
 }
 
 impl Mesh {
@@ -324,11 +337,19 @@ impl Mesh {
 
     /// Finds the box around each instance.
     pub(super) fn find_bounds(&mut self) {
+        let bounds = self.bounds_of_instances();
+        self.instances.set_bounds(bounds.into_iter());
+    }
+
+    /// The box around each instance; a point where none of its triangles is left.
+    pub(crate) fn bounds_of_instances(&self) -> Vec<Aabb> {
         let used = |p: &Prototype| {
             let mut is_used = vec![false; p.vertices.len()];
             let triangles = p.triangles.start as usize..p.triangles.end as usize;
             for v in self.triangles[triangles].iter().flatten() {
-                is_used[(v - p.vertices.start) as usize] = true;
+                if let Some(used) = is_used.get_mut(v.wrapping_sub(p.vertices.start) as usize) {
+                    *used = true;
+                }
             }
             let vertices = p.vertices.clone().zip(is_used);
             let used = vertices.filter(|(_, is_used)| *is_used);
@@ -336,33 +357,38 @@ impl Mesh {
                 .collect::<Vec<Vec3>>()
         };
         let points: Vec<Vec<Vec3>> = self.instances.prototypes.par_iter().map(used).collect();
-        self.instances.list.par_iter_mut().for_each(|instance| {
-            let points = points[instance.prototype as usize].iter();
-            let points = points.map(|p| instance.point(*p));
-            instance.bounds = points.fold(Aabb::EMPTY, Aabb::with);
-        });
+        let bounds = |instance: &Instance| {
+            let points = &points[instance.prototype as usize][..];
+            let points = if points.is_empty() { &[Vec3::ZERO] } else { points };
+            let points = points.iter().map(|p| instance.point(*p));
+            points.fold(Aabb::EMPTY, Aabb::with)
+        };
+        self.instances.list.par_iter().map(bounds).collect()
     }
 
     /// Areas of all triangles by so many materials.
     #[must_use]
     pub fn areas(&self, materials: usize) -> Vec<f64> {
-        let area = |[a, b, c]: [Vec3; 3]| {
-            let [a, b, c] = [a, b, c].map(|p| p.as_dvec3());
-            0.5 * (b - a).cross(c - a).length()
-        };
         let mut areas = vec![0.0; materials];
         for t in 0..self.flat_count() {
-            areas[self.material[t] as usize] += area(self.own_corners(t));
+            areas[self.material[t] as usize] += area_of(self.own_corners(t));
         }
-        if self.instances.is_empty() {
-            return areas;
+        for (material, (_, area)) in self.areas_of_instances() {
+            areas[material as usize] += area;
         }
+        areas
+    }
+
+    /// Number and area of the triangles of each material, instance by instance.
+    pub(crate) fn areas_of_instances(&self) -> impl Iterator<Item = (u32, (u64, f64))> {
         let of_stored = |stored: Range<u32>, point: &(dyn Fn(Vec3) -> Vec3 + Sync)| {
             // By material: prototypes have few, and may be many.
-            let mut sums = std::collections::BTreeMap::<u32, f64>::new();
+            let mut sums = BTreeMap::<u32, (u64, f64)>::new();
             for t in stored {
                 let corners = self.own_corners(t as usize).map(point);
-                *sums.entry(self.material[t as usize]).or_default() += area(corners);
+                let (count, sum) = sums.entry(self.material[t as usize]).or_default();
+                *count += 1;
+                *sum += area_of(corners);
             }
             sums
         };
@@ -375,14 +401,12 @@ impl Mesh {
             .map(|instance| match instance.area_scale() {
                 Some(scale) => {
                     let sums = prototypes[instance.prototype as usize].iter();
-                    sums.map(|(m, area)| (*m, area * scale)).collect()
+                    sums.map(|(m, (count, area))| (*m, (*count, area * scale)))
+                        .collect()
                 }
                 None => of_stored(self.instances.stored(instance), &|p| instance.point(p)),
             })
             .collect();
-        for (material, area) in instances.into_iter().flatten() {
-            areas[material as usize] += area;
-        }
-        areas
+        instances.into_iter().flatten()
     }
 }

@@ -1,6 +1,6 @@
 //! The columns of a packed scene, and what their rows must be.
 
-use super::meta::{MAX_EMISSION, PackedMeta};
+use super::meta::{MAX_EMISSION, PackedMeta, check_instances};
 use crate::{FormatError, Result};
 
 /// Columns start at multiples of this, so that they can be used where they are mapped.
@@ -59,6 +59,8 @@ pub enum PackedColumn {
     Environment,
     /// Factors on the opacity of masks at vertices, f32.
     Opacities,
+    /// Places of meshes that are stored once: a map of 12 f64, a box of 6 f32, 2 u32.
+    Instances,
 }
 
 impl PackedColumn {
@@ -88,6 +90,7 @@ impl PackedColumn {
             Self::VertexBlocks => "vertex blocks",
             Self::Environment => "environment",
             Self::Opacities => "opacities",
+            Self::Instances => "instances",
         }
     }
 
@@ -104,6 +107,7 @@ impl PackedColumn {
             Self::Uvs => 8,
             Self::Materials | Self::CodeValues | Self::Opacities => 4,
             Self::Nodes => 224,
+            Self::Instances => 128,
             Self::Blocks => 160,
             Self::VertexBlocks => 64,
             Self::WordCodes => 2,
@@ -154,8 +158,13 @@ fn indices(row: &[u8]) -> impl Iterator<Item = u32> + '_ {
         .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
-/// Checks every row of a piece of a column; `first` is the number of the first.
-pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+/// Checks every row of a piece of a column for an item; `first` is the number of the first.
+pub fn check_rows(
+    (column, item): (PackedColumn, u32),
+    first: u64,
+    piece: &[u8],
+    meta: &PackedMeta,
+) -> Result<()> {
     // A scene has many rows, and hardly ever a wrong one: all at once, before one by one.
     let are_shares = || most(piece, |bits| bits) <= 1_f32.to_bits();
     let all = |is_right: &dyn Fn(&[u8]) -> bool, expected: &str| match piece
@@ -204,10 +213,16 @@ pub fn check_rows(column: PackedColumn, first: u64, piece: &[u8], meta: &PackedM
             let count = meta.materials.len() as u64;
             all(&below(count), &format!("a material below {count}"))
         }
-        PackedColumn::Nodes => super::hierarchy::check_nodes(first, piece, meta),
-        PackedColumn::Blocks => super::hierarchy::check_blocks(first, piece, meta),
-        PackedColumn::VertexBlocks => super::hierarchy::check_vertex_blocks(first, piece, meta),
+        PackedColumn::Nodes => super::hierarchy::check_nodes(item, first, piece, meta),
+        PackedColumn::Blocks => super::hierarchy::check_blocks(item, first, piece, meta),
+        PackedColumn::VertexBlocks => {
+            super::hierarchy::check_vertex_blocks(item, first, piece, meta)
+        }
         PackedColumn::Environment => all(&is_light, "numbers from 0 to 1e30"),
+        PackedColumn::Instances => match &meta.parts.instances {
+            Some(instances) => check_instances(first, piece, instances),
+            None => Ok(()),
+        },
         PackedColumn::ByteCodes
         | PackedColumn::WordCodes
         | PackedColumn::Tree

@@ -36,8 +36,8 @@ fn wrong(column: PackedColumn, row: u64, expected: String, found: String) -> For
 }
 
 /// Checks boxes and children of nodes.
-pub fn check_nodes(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
-    let Some(hierarchy) = &meta.hierarchy else {
+pub fn check_nodes(item: u32, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+    let Some(hierarchy) = meta.hierarchies().nth(item as usize).and_then(Option::as_ref) else {
         return Ok(());
     };
     for (row, at) in piece.chunks_exact(PackedColumn::Nodes.width()).zip(first..) {
@@ -86,8 +86,8 @@ pub fn check_nodes(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
 }
 
 /// Checks triangles and corners of blocks.
-pub fn check_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
-    let triangles = meta.mesh.triangles;
+pub fn check_blocks(item: u32, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+    let triangles = meta.triangles_of(item);
     for (row, at) in piece
         .chunks_exact(PackedColumn::Blocks.width())
         .zip(first..)
@@ -97,13 +97,13 @@ pub fn check_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
             let mut corners = (0..9).map(|i| float(row, i * LANES + lane));
             let is_right = match triangle {
                 u32::MAX => corners.all(f32::is_nan),
-                t => u64::from(t) < triangles && corners.all(f32::is_finite),
+                t => triangles.contains(&t.into()) && corners.all(f32::is_finite),
             };
             if !is_right {
                 return Err(wrong(
                     PackedColumn::Blocks,
                     at,
-                    format!("triangles below {triangles} with finite corners, or none"),
+                    format!("triangles of {triangles:?} with finite corners, or none"),
                     format!("{triangle} in lane {lane}"),
                 ));
             }
@@ -113,8 +113,8 @@ pub fn check_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
 }
 
 /// Checks triangles and vertices of blocks.
-pub fn check_vertex_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
-    let (vertices, triangles) = (meta.mesh.vertices, meta.mesh.triangles);
+pub fn check_vertex_blocks(item: u32, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
+    let (vertices, triangles) = (meta.mesh.vertices, meta.triangles_of(item));
     let column = PackedColumn::VertexBlocks;
     for (row, at) in piece.chunks_exact(column.width()).zip(first..) {
         let (corners, lanes) = row.split_at(3 * LANES * 4);
@@ -124,11 +124,15 @@ pub fn check_vertex_blocks(first: u64, piece: &[u8], meta: &PackedMeta) -> Resul
         let vertex = most(corners, 3 * LANES, |v| v);
         // 0 for none.
         let triangle = most(lanes, LANES, |t| t.wrapping_add(1));
-        if u64::from(vertex) >= vertices || u64::from(triangle) > triangles {
+        let least = (0..LANES).map(|i| number(lanes, i)).fold(u32::MAX, u32::min);
+        if u64::from(vertex) >= vertices
+            || u64::from(triangle) > triangles.end
+            || u64::from(least) < triangles.start
+        {
             return Err(wrong(
                 column,
                 at,
-                format!("vertices below {vertices}, and triangles below {triangles} or none"),
+                format!("vertices below {vertices}, and triangles of {triangles:?} or none"),
                 "others".into(),
             ));
         }

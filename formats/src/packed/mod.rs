@@ -20,8 +20,8 @@ pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
     PackedCamera, PackedCameraKey, PackedEmissionTexture, PackedEnvironment, PackedFilm,
-    PackedHierarchy, PackedImage, PackedLens, PackedLight, PackedMask, PackedMasks, PackedMaterial,
-    PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedSummary, PackedTexture, PackedVolume,
+    PackedHierarchy, PackedImage, PackedInstances, PackedLens, PackedLight, PackedMask, PackedMasks, PackedMaterial,
+    PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedPrototype, PackedSummary, PackedTexture, PackedVolume,
     PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};

@@ -212,15 +212,20 @@ impl<D: AsRef<[u8]>> Packed<D> {
                 return Ok(());
             };
             let first = (i - pieces.start) as u64 * of.column.piece_rows() as u64;
-            check_rows(of.column, first, stored, self.meta())
+            check_rows((of.column, of.item), first, stored, self.meta())
         })
     }
 
-    /// Checks that nodes, each of which [`Self::check_block`] found right, are a tree.
+    /// Checks that nodes, each of which [`Self::check_block`] found right, are a tree for each item.
     ///
     /// # Errors
     /// [`FormatError::Invalid`].
     pub fn check_hierarchy(&self) -> Result<()> {
-        self.named(|| hierarchy::check_tree(self.rows(PackedColumn::Nodes, 0)))
+        let columns = self.columns().iter();
+        let nodes = columns.filter(|(c, _)| c.column == PackedColumn::Nodes);
+        self.named(|| {
+            let mut trees = nodes.map(|(c, _)| self.rows(c.column, c.item));
+            trees.try_for_each(hierarchy::check_tree)
+        })
     }
 }

@@ -71,7 +71,7 @@ impl PackedWriter {
         self.align()?;
         for (i, piece) in bytes.chunks(column.piece_rows() * width).enumerate() {
             let first = (i * column.piece_rows()) as u64;
-            check_rows(column, first, piece, &self.file.meta)
+            check_rows((column, item), first, piece, &self.file.meta)
                 .map_err(|e| e.at(self.file.path()))?;
             self.file.push(&BlockContent {
                 kind: BlockKind::Column,

@@ -113,8 +113,9 @@ fn mesh(mesh: &Mesh, origin: DVec3) -> MeshDescription {
         instances: instances.len() as u64,
         degenerate_triangles: mesh.degenerate,
         vertices: mesh.positions.len() as u64,
-        area: (0..mesh.triangle_count())
+        area: (0..mesh.flat_count())
             .map(|t| f64::from(mesh.area(t)))
+            .chain(mesh.areas_of_instances().map(|(_, (_, area))| area))
             .sum(),
         bounds: world_box(vertices.chain(boxes), origin),
         has_normals: !mesh.normals.is_empty(),
@@ -142,10 +143,15 @@ fn materials(scene: &Scene) -> Vec<MaterialDescription> {
             area: 0.0,
         })
         .collect();
-    for t in 0..scene.mesh.triangle_count() {
+    for t in 0..scene.mesh.flat_count() {
         let material = &mut found[scene.mesh.material_of(t) as usize];
         material.triangles += 1;
         material.area += f64::from(scene.mesh.area(t));
+    }
+    for (material, (triangles, area)) in scene.mesh.areas_of_instances() {
+        let material = &mut found[material as usize];
+        material.triangles += triangles;
+        material.area += area;
     }
     found
 }

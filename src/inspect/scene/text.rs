@@ -69,6 +69,10 @@ impl fmt::Display for SceneDescription {
             count(m.triangles),
             count(m.vertices)
         )?;
+        if let Some(stored) = m.stored_triangles {
+            let (stored, instances) = (count(stored), count(m.instances));
+            write!(f, ", {stored} triangles are stored and placed {instances} times")?;
+        }
         if m.degenerate_triangles > 0 {
             let left_out = count(m.degenerate_triangles);
             write!(f, ", {left_out} triangles without area are left out")?;

@@ -1,8 +1,10 @@
 //! A scene as a packed file holds it: one file, no assets, columns used as they lie there.
 //!
+//! - `instances`: what is stored once and placed many times
 //! - `write`: a scene to its description and columns
 //! - `read`: description and columns to a scene
 
+mod instances;
 mod read;
 mod write;
 

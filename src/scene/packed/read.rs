@@ -1,6 +1,7 @@
 //! A scene from a packed file.
 
 use super::PackedScene;
+use super::instances;
 use crate::formats::{
     MediaLevel, Packed, PackedCamera, PackedCameraKey, PackedColumn, PackedEnvironment,
     PackedLight, PackedMaterial, PackedMeta, PackedTexture, PackedVolume, PackedWrap,
@@ -9,7 +10,7 @@ use crate::run::{Cancel, size};
 use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
-    AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Instances, Lens,
+    AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Lens,
     Light, Mask, Material, Mesh, PhaseFunction, Scene, Texture, Volume, Wrap,
 };
 use crate::{Error, Result};
@@ -92,7 +93,7 @@ fn scene(
             material: packed.column(PackedColumn::Materials, 0)?,
             opacities: packed.column(PackedColumn::Opacities, 0)?,
             degenerate: meta.mesh.degenerate,
-            instances: Instances::default(),
+            instances: instances::read(packed)?,
         },
         materials: materials(meta),
         textures,

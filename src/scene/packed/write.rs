@@ -1,6 +1,6 @@
 //! A scene to what a packed file holds of it.
 
-use super::check_machine;
+use super::{check_machine, instances};
 use crate::Result;
 use crate::formats::{
     BrickTable, ExtinctionColor, MediaPage, PAGE_BRICKS, PackedCamera, PackedCameraKey,
@@ -139,6 +139,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
             lenses: lenses(scene),
             extinction_colors: extinction_colors(scene),
             albedo_grids: albedo_grids(scene),
+            instances: instances::description(mesh),
         },
     }
 }
@@ -399,6 +400,7 @@ pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Res
             PackedColumn::Opacities,
             bytemuck::cast_slice(&mesh.opacities),
         ),
+        (PackedColumn::Instances, &instances::rows(mesh)),
     ] {
         column(kind, 0, rows)?;
     }

@@ -1,10 +1,12 @@
 //! The hierarchy in a packed scene, where it is used as it lies.
 
+use super::instances::InstanceBvh;
 use super::{Blocks, Node, TriangleBvh};
 use crate::Result;
-use crate::formats::{PackedColumn, PackedHierarchy, PackedWriter};
+use crate::formats::{PackedColumn, PackedHierarchy, PackedMeta, PackedWriter};
 use crate::run::Cancel;
-use crate::scene::{Masks, Mesh, Scene};
+use crate::scene::packed::PackedScene;
+use crate::scene::{Mesh, Scene};
 use crate::trace::watertight::{Block, VertexBlock};
 use bytemuck::{Pod, Zeroable};
 
@@ -34,24 +36,48 @@ impl<'a> TriangleBvh<'a> {
         let Some(packed) = scene.as_packed() else {
             return Ok(Self::new_until(&scene.mesh, cancel)?.with_masks(scene));
         };
-        match packed.file().meta().hierarchy {
-            Some(hierarchy) => Ok(Self {
-                nodes: packed.column(PackedColumn::Nodes, 0)?,
-                blocks: match hierarchy.by_vertex {
-                    true => Blocks::Vertices(packed.column(PackedColumn::VertexBlocks, 0)?),
-                    false => Blocks::Corners(packed.column(PackedColumn::Blocks, 0)?),
-                },
-                positions: &scene.mesh.positions,
-                scale: hierarchy.scale,
-                masks: Masks::of(scene),
-                instances: None,
-            }),
-            // Without triangles, or with none that any ray could meet.
-            None => Ok(Self::default()),
-        }
+        let meta = packed.file().meta();
+        let mesh = &scene.mesh;
+        let mut all = Self::in_file(packed, mesh, (0, meta.hierarchy))?.with_masks(scene);
+        let prototypes = meta.parts.instances.iter().flat_map(|i| &i.prototypes);
+        let prototypes = (1..).zip(prototypes.map(|p| p.hierarchy));
+        let prototypes = prototypes.map(|of| Self::in_file(packed, mesh, of));
+        let prototypes = prototypes.collect::<Result<_>>()?;
+        all.instances = InstanceBvh::new(mesh, prototypes).map(Box::new);
+        Ok(all)
     }
 
-    /// Whether all triangles in leaves are those of a mesh, each once.
+    /// A hierarchy of a packed file, by its number there.
+    fn in_file(
+        packed: &PackedScene,
+        mesh: &'a Mesh,
+        (item, hierarchy): (u32, Option<PackedHierarchy>),
+    ) -> Result<Self> {
+        // Without triangles, or with none that any ray could meet.
+        let Some(hierarchy) = hierarchy else {
+            return Ok(Self::default());
+        };
+        Ok(Self {
+            nodes: packed.column(PackedColumn::Nodes, item)?,
+            blocks: match hierarchy.by_vertex {
+                true => Blocks::Vertices(packed.column(PackedColumn::VertexBlocks, item)?),
+                false => Blocks::Corners(packed.column(PackedColumn::Blocks, item)?),
+            },
+            positions: &mesh.positions,
+            scale: hierarchy.scale,
+            masks: None,
+            instances: None,
+        })
+    }
+
+    /// This hierarchy, and those over prototypes.
+    fn each(&self) -> impl Iterator<Item = &Self> {
+        let instances = self.instances.iter();
+        std::iter::once(self).chain(instances.flat_map(|i| i.prototypes()))
+    }
+
+    /// Whether all triangles in leaves are those of a mesh, each once, and instances stand where their
+    /// boxes are.
     #[must_use]
     pub fn has_right_blocks(&self, mesh: &Mesh) -> bool {
         let mut is_seen = vec![false; mesh.triangles.len()];
@@ -63,10 +89,13 @@ impl<'a> TriangleBvh<'a> {
             });
             (there > 0 && are_new).then_some(there)
         };
-        match &self.blocks {
+        let instances = mesh.instances.list().iter();
+        let mut bounds = mesh.bounds_of_instances().into_iter();
+        let are_bounded = instances.zip(&mut bounds).all(|(i, bounds)| i.bounds == bounds);
+        let has_right_blocks = |of: &Self| match &of.blocks {
             Blocks::Corners(blocks) => blocks.iter().all(|block| {
                 lanes(&block.triangles).is_some_and(|n| {
-                    let right = Block::new(mesh, &block.triangles[..n], self.scale);
+                    let right = Block::new(mesh, &block.triangles[..n], of.scale);
                     bytemuck::bytes_of(&right) == bytemuck::bytes_of(block)
                 })
             }),
@@ -76,12 +105,22 @@ impl<'a> TriangleBvh<'a> {
                     bytemuck::bytes_of(&right) == bytemuck::bytes_of(block)
                 })
             }),
+        };
+        are_bounded && self.each().all(has_right_blocks)
+    }
+
+    /// Says in what a packed file says of its scene how large it is, and those of prototypes are.
+    pub fn describe(&self, meta: &mut PackedMeta) {
+        meta.hierarchy = self.description();
+        let described = meta.parts.instances.iter_mut();
+        let described = described.flat_map(|i| &mut i.prototypes);
+        for (prototype, bvh) in described.zip(self.each().skip(1)) {
+            prototype.hierarchy = bvh.description();
         }
     }
 
     /// What a packed file says of it; `None` if it is empty.
-    #[must_use]
-    pub fn description(&self) -> Option<PackedHierarchy> {
+    fn description(&self) -> Option<PackedHierarchy> {
         (!self.nodes.is_empty()).then(|| PackedHierarchy {
             nodes: self.nodes.len() as u64,
             blocks: self.blocks.len() as u64,
@@ -95,16 +134,21 @@ impl<'a> TriangleBvh<'a> {
     /// # Errors
     /// As [`PackedWriter::column`], and if cancelled.
     pub fn write(&self, writer: &mut PackedWriter, cancel: &Cancel) -> Result<()> {
-        if self.nodes.is_empty() {
-            return Ok(());
+        let all = || (0..).zip(self.each()).filter(|(_, bvh)| !bvh.nodes.is_empty());
+        for (item, bvh) in all() {
+            let nodes = bytemuck::cast_slice(&bvh.nodes);
+            writer.column(PackedColumn::Nodes, item, nodes, || cancel.check())?;
         }
-        let nodes = bytemuck::cast_slice(&self.nodes);
-        writer.column(PackedColumn::Nodes, 0, nodes, || cancel.check())?;
-        let (column, blocks) = match &self.blocks {
-            Blocks::Corners(blocks) => (PackedColumn::Blocks, bytemuck::cast_slice(blocks)),
-            Blocks::Vertices(blocks) => (PackedColumn::VertexBlocks, bytemuck::cast_slice(blocks)),
-        };
-        writer.column(column, 0, blocks, || cancel.check())
+        for (item, bvh) in all() {
+            let (column, blocks) = match &bvh.blocks {
+                Blocks::Corners(blocks) => (PackedColumn::Blocks, bytemuck::cast_slice(blocks)),
+                Blocks::Vertices(blocks) => {
+                    (PackedColumn::VertexBlocks, bytemuck::cast_slice(blocks))
+                }
+            };
+            writer.column(column, item, blocks, || cancel.check())?;
+        }
+        Ok(())
     }
 }
 

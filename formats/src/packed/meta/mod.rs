@@ -1,5 +1,6 @@
 //! What a packed scene says of itself: all but its columns.
 
+mod instances;
 mod light;
 mod parts;
 mod rules;
@@ -10,6 +11,8 @@ mod volume;
 use super::column::{ColumnRows, PackedColumn};
 use crate::Result;
 use crate::record::MAX_VOLUMES;
+use std::ops::Range;
+pub use instances::{PackedInstances, PackedPrototype, check_instances};
 pub use light::{PackedEnvironment, PackedLight};
 pub use parts::{PackedEmissionTexture, PackedLens, PackedMask, PackedMasks, PackedParts};
 pub use rules::MAX_EMISSION;
@@ -114,12 +117,30 @@ impl PackedMeta {
         [media, albedos, emissive]
     }
 
+    /// The hierarchies: over triangles in scene space, then over those of each prototype.
+    pub(crate) fn hierarchies(&self) -> impl Iterator<Item = &Option<PackedHierarchy>> {
+        let instances = self.parts.instances.iter();
+        let prototypes = instances.flat_map(|i| i.prototypes.iter().map(|p| &p.hierarchy));
+        std::iter::once(&self.hierarchy).chain(prototypes)
+    }
+
+    /// The triangles that a hierarchy is over, by its number among [`Self::hierarchies`].
+    pub(crate) fn triangles_of(&self, hierarchy: u32) -> Range<u64> {
+        let Some(instances) = &self.parts.instances else {
+            return 0..self.mesh.triangles;
+        };
+        match hierarchy.checked_sub(1) {
+            None => 0..instances.triangles(0, &self.mesh).start,
+            Some(prototype) => instances.triangles(prototype as usize, &self.mesh),
+        }
+    }
+
     /// The columns that this scene has, in the order of the file.
     #[must_use]
     pub fn columns(&self) -> Vec<ColumnRows> {
         let mesh = &self.mesh;
         let of = |has: bool| if has { mesh.vertices } else { 0 };
-        let hierarchy = self.hierarchy.unwrap_or_default();
+        let instances = self.parts.instances.as_ref();
         let masks = self.parts.masks.as_ref();
         let has_opacities = masks.is_some_and(|masks| masks.has_opacities);
         let whole = [
@@ -130,6 +151,7 @@ impl PackedMeta {
             (PackedColumn::Triangles, mesh.triangles),
             (PackedColumn::Materials, mesh.triangles),
             (PackedColumn::Opacities, of(has_opacities)),
+            (PackedColumn::Instances, instances.map_or(0, |i| i.count)),
         ];
         let whole = whole.into_iter().map(|(column, rows)| (column, 0, rows));
         let images = (0..).zip(&self.images).map(|(i, image)| {
@@ -146,20 +168,22 @@ impl PackedMeta {
             let values = if bits < 32 { 1 << bits } else { 0 };
             (PackedColumn::CodeValues, i, values)
         });
-        let blocks = match hierarchy.by_vertex {
-            true => PackedColumn::VertexBlocks,
-            false => PackedColumn::Blocks,
-        };
+        let hierarchies = || (0..).zip(self.hierarchies());
+        let hierarchies = || hierarchies().filter_map(|(item, h)| Some((item, (*h)?)));
+        let nodes = hierarchies().map(|(item, h)| (PackedColumn::Nodes, item, h.nodes));
+        let blocks = hierarchies().map(|(item, h)| match h.by_vertex {
+            true => (PackedColumn::VertexBlocks, item, h.blocks),
+            false => (PackedColumn::Blocks, item, h.blocks),
+        });
         let sky = self.environment.as_ref();
         let sky = sky.map_or(0, |e| u64::from(e.width) * u64::from(e.height));
+        let sky = [(PackedColumn::Environment, 0, sky)];
         let rest = [
-            (PackedColumn::Environment, 0, sky),
-            (PackedColumn::Nodes, 0, hierarchy.nodes),
-            (blocks, 0, hierarchy.blocks),
             (PackedColumn::Tree, 0, self.tree_bytes),
             (PackedColumn::Light, 0, self.light_bytes),
         ];
-        let all = whole.chain(images).chain(textures).chain(rest);
+        let all = whole.chain(images).chain(textures).chain(sky);
+        let all = all.chain(nodes).chain(blocks).chain(rest);
         all.filter(|(_, _, rows)| *rows > 0)
             .map(|(column, item, rows)| ColumnRows { column, item, rows })
             .collect()
@@ -228,6 +252,9 @@ impl PackedMeta {
             volumes,
         )?;
         self.volumes.iter().try_for_each(PackedVolume::validate)?;
+        if let Some(instances) = &self.parts.instances {
+            instances.validate(&self.mesh)?;
+        }
         if let Some(hierarchy) = &self.hierarchy {
             hierarchy.validate(&self.mesh)?;
         }

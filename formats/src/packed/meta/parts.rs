@@ -1,6 +1,7 @@
 //! Parts of a packed scene that most have not: each has a number and is there only where it says
 //! something, behind all else.
 
+use super::instances::PackedInstances;
 use super::rules::{check, is_share};
 use super::view::PackedCamera;
 use super::volume::PackedVolume;
@@ -28,6 +29,9 @@ pub struct PackedParts {
     /// whose samples are its red, green and blue.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub albedo_grids: Vec<u32>,
+    /// What is stored once and placed many times.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instances: Option<PackedInstances>,
 }
 
 /// Numbers of parts.
@@ -36,6 +40,7 @@ const EMISSION_TEXTURES: u32 = 2;
 const LENSES: u32 = 3;
 const EXTINCTION_COLORS: u32 = 4;
 const ALBEDO_GRIDS: u32 = 5;
+const INSTANCES: u32 = 6;
 
 /// A texture that is a factor on the emission of a material.
 #[derive(
@@ -127,7 +132,11 @@ impl bincode::Encode for PackedParts {
         parts::encode(EMISSION_TEXTURES, &self.emission_textures, encoder)?;
         parts::encode(LENSES, &self.lenses, encoder)?;
         parts::encode(EXTINCTION_COLORS, &self.extinction_colors, encoder)?;
-        parts::encode(ALBEDO_GRIDS, &self.albedo_grids, encoder)
+        parts::encode(ALBEDO_GRIDS, &self.albedo_grids, encoder)?;
+        match &self.instances {
+            Some(instances) => (INSTANCES, instances).encode(encoder),
+            None => Ok(()),
+        }
     }
 }
 
@@ -142,6 +151,7 @@ impl<C> bincode::Decode<C> for PackedParts {
                 LENSES => found.lenses = parts::some(decoder)?,
                 EXTINCTION_COLORS => found.extinction_colors = parts::some(decoder)?,
                 ALBEDO_GRIDS => found.albedo_grids = parts::some(decoder)?,
+                INSTANCES => found.instances = Some(PackedInstances::decode(decoder)?),
                 _ => return Err(parts::UNKNOWN),
             }
         }

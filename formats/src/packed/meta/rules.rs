@@ -45,8 +45,11 @@ pub fn is_unit(direction: [f32; 3]) -> bool {
     (0.999..=1.001).contains(&dot(direction, direction))
 }
 
-pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+pub fn dot<T>(a: [T; 3], b: [T; 3]) -> T
+where
+    T: Copy + std::ops::Mul<Output = T> + std::iter::Sum,
+{
+    a.into_iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 pub fn cross<T>(a: [T; 3], b: [T; 3]) -> [T; 3]
