@@ -361,6 +361,61 @@ fn rows_of_packed_scenes_are_checked() {
     }
 }
 
+/// Places whose maps, boxes or prototypes would lead a reader astray, and blocks of prototypes with
+/// triangles of others.
+#[test]
+fn rows_of_instances_are_checked() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("i.lvp");
+    let mut meta = packed_meta();
+    meta.hierarchy = None;
+    meta.parts.instances = Some(packed_instances());
+    write_packed_as(&path, meta.clone());
+    let file = std::fs::read(path).unwrap();
+    read_packed(&file).unwrap();
+    let opened = Packed::open(&file[..]).unwrap();
+    assert_eq!(opened.meta(), &meta);
+    let block = |column: PackedColumn, item: u32| {
+        let mut columns = opened.columns().iter();
+        let found = columns.find(|(c, _)| (c.column, c.item) == (column, item));
+        found.unwrap().1.start
+    };
+    let changed_row = |column, item, at: usize, value: &[u8]| {
+        let block = block(column, item);
+        changed(&file, |parts| {
+            parts.blocks[block].data[0].1[at..at + value.len()].copy_from_slice(value);
+        })
+    };
+    let places = PackedColumn::Instances;
+    for (at, value) in [
+        (0, &f64::NAN.to_le_bytes()[..]),
+        (8, &f64::INFINITY.to_le_bytes()),
+        // Two columns alike: the map flattens space.
+        (24, &[1.0_f64, 0.0, 0.0].map(f64::to_le_bytes).concat()),
+        (96, &9_f32.to_le_bytes()),
+        (116, &f32::INFINITY.to_le_bytes()),
+        (120, &2_u32.to_le_bytes()),
+        (124, &1_u32.to_le_bytes()),
+    ] {
+        let bytes = changed_row(places, 0, at, value);
+        refused(&bytes, read_packed, "row 0 of the instances");
+    }
+    let bytes = changed_row(PackedColumn::Nodes, 2, 192, &1_u32.to_le_bytes());
+    refused(&bytes, read_packed, "one parent");
+    // A triangle of the first prototype among those of the second.
+    let prototypes = &mut meta.parts.instances.as_mut().unwrap().prototypes;
+    prototypes[1].first_triangle = 1;
+    let path = dir.path().join("j.lvp");
+    let mut writer = PackedWriter::create(&path, meta.clone(), Overwrite::Refuse).unwrap();
+    let mut columns = meta.columns().into_iter();
+    let written = columns.try_for_each(|c| {
+        let going = || Ok::<_, FormatError>(());
+        writer.column(c.column, c.item, &packed_rows(c.column), going)
+    });
+    let error = written.unwrap_err().to_string();
+    assert!(error.contains("row 0 of the blocks"), "{error}");
+}
+
 /// Tables and pages of volumes say the same of each brick, and nothing that leads a reader astray.
 #[test]
 fn levels_of_packed_volumes_are_checked() {
@@ -462,7 +517,27 @@ fn descriptions_of_packed_scenes_are_checked() {
         &mut meta.volumes[1..]
     }
     const RED: [f32; 3] = [1.0, 0.5, 0.25];
-    let changes: [(Change, &str); 50] = [
+    fn instances(meta: &mut PackedMeta) -> &mut PackedInstances {
+        meta.parts.instances.insert(packed_instances())
+    }
+    let changes: [(Change, &str); 55] = [
+        (|m| instances(m).count = 0, "prototypes whose triangles"),
+        (|m| instances(m).prototypes.clear(), "prototypes whose"),
+        (
+            |m| instances(m).prototypes[0].first_triangle = 3,
+            "prototypes whose triangles",
+        ),
+        (
+            |m| instances(m).prototypes[1].first_vertex = 0,
+            "prototypes whose triangles",
+        ),
+        (
+            |m| {
+                let hierarchy = &mut instances(m).prototypes[1].hierarchy;
+                hierarchy.as_mut().unwrap().scale = 0.3;
+            },
+            "hierarchy",
+        ),
         (|m| m.film.width = 0, "film"),
         (|m| m.film.exposure = f32::NAN, "film"),
         (|m| m.cameras.clear(), "cameras"),

@@ -20,6 +20,7 @@ mod gather;
 mod grain;
 mod groups;
 mod hostile_trees;
+mod instances;
 mod leaks;
 mod left_out;
 mod lens;

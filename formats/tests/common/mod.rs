@@ -221,6 +221,16 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
         PackedColumn::ByteCodes => vec![0, 1, 2, 3, 254, 255],
         PackedColumn::Environment => floats(&[3.0; 24]),
         PackedColumn::CodeValues => floats(&[0.5; 256]),
+        PackedColumn::Instances => {
+            let map = [1.0_f64, 0., 0., 0., 2., 0., 0., 0., -1., 5., 0., 1.];
+            let place = |prototype: u32| {
+                let mut row: Vec<u8> = map.iter().flat_map(|v| v.to_le_bytes()).collect();
+                row.extend(floats(&[-1.0, 0.0, -1.0, 1.0, 2.0, 1.0]));
+                row.extend(whole(&[prototype, 0]));
+                row
+            };
+            [place(1), place(0), place(1)].concat()
+        }
         PackedColumn::Nodes => {
             // The first has a leaf and the second, that another leaf.
             let node = |children: [u32; 2]| {
@@ -270,6 +280,20 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
         }
         PackedColumn::Tree => b"a tre".to_vec(),
         _ => Vec::new(),
+    }
+}
+
+/// An empty prototype, and one of both triangles, with the hierarchy over all; for a scene in which
+/// nothing lies flat.
+pub fn packed_instances() -> PackedInstances {
+    let prototype = |first_vertex, hierarchy| PackedPrototype {
+        first_triangle: 0,
+        first_vertex,
+        hierarchy,
+    };
+    PackedInstances {
+        prototypes: vec![prototype(2, None), prototype(3, packed_meta().hierarchy)],
+        count: 3,
     }
 }
 
