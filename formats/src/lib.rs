@@ -84,9 +84,9 @@ pub use opened::Opened;
 pub use packed::{
     COLUMN_ALIGNMENT, ColumnRows, MAX_NODE_LEVELS, MediaLevel, Packed, PackedBlocks, PackedCamera,
     PackedCameraKey, PackedColumn, PackedEmissionTexture, PackedEnvironment, PackedFilm,
-    PackedFormat, PackedHierarchy, PackedImage, PackedInstances, PackedLens, PackedLight, PackedMask, PackedMasks,
-    PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedPrototype, PackedSummary, PackedTexture,
-    PackedVolume, PackedWrap, PackedWriter,
+    PackedFormat, PackedHierarchy, PackedImage, PackedInstances, PackedLens, PackedLight,
+    PackedMask, PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase,
+    PackedPrototype, PackedSummary, PackedTexture, PackedVolume, PackedWrap, PackedWriter,
 };
 pub use record::{
     Below, Bounds, ClipEdge, Clips, ExtinctionColor, Lvoxel, Node, Surfel, SurfelAggregate,

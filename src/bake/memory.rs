@@ -20,7 +20,10 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     const BATCHES: u64 = 3;
     /// Of chunks of lvoxels, and of light that is kept in their bricks.
     const LVOXELS: u64 = 24 << 20;
+    /// Of a triangle of an instance: sums of areas, one for sixteen, in two lists.
+    const AREAS: u64 = 1;
     let triangles = scene.mesh.triangles.len() as u64;
+    let placed = (scene.mesh.triangle_count() - scene.mesh.flat_count()) as u64;
     let samples = match &settings.surfels {
         SurfelSampling::Area { count } => (*count).min(BATCH_SURFELS),
         SurfelSampling::ByLight | SurfelSampling::Camera { .. } => BATCH_SURFELS,
@@ -36,6 +39,7 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
         .with("the scene", scene.bytes())
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with("creases of surfaces", triangles * CREASES)
+        .with("areas of instances", placed * AREAS)
         .with("light in media", media)
         .with("surfels", BATCHES * samples * size_of::<Surfel>() as u64);
     budget.within("this bake", job.memory_limit, "raise `memory_limit`")?;

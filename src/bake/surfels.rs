@@ -53,7 +53,9 @@ impl<'a> AreaSampler<'a> {
         let pieces = (alone..triangles).into_par_iter().step_by(PIECE);
         let areas = pieces.map(|first| {
             let piece = first..triangles.min(first + PIECE);
-            piece.map(|t| weighted_area(tracer, t)).sum::<f64>()
+            let areas = mesh.placed_areas(piece);
+            let weighted = areas.map(|(m, area)| tracer.pieces.density(m) * area);
+            weighted.sum::<f64>()
         });
         for area in areas.collect::<Vec<f64>>() {
             running_area.push(sum);

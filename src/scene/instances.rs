@@ -306,9 +306,7 @@ impl Mesh {
     #[must_use]
     #[inline]
     pub fn normals_of(&self, triangle: usize) -> [Vec3; 3] {
-        let normals = self
-            .vertices_of(triangle)
-            .map(|v| self.normals[v as usize]);
+        let normals = self.vertices_of(triangle).map(|v| self.normals[v as usize]);
         match self.instances.is_flat(triangle) {
             true => normals,
             false => self.placed_normals(triangle, normals),
@@ -359,11 +357,37 @@ impl Mesh {
         let points: Vec<Vec<Vec3>> = self.instances.prototypes.par_iter().map(used).collect();
         let bounds = |instance: &Instance| {
             let points = &points[instance.prototype as usize][..];
-            let points = if points.is_empty() { &[Vec3::ZERO] } else { points };
+            let points = if points.is_empty() {
+                &[Vec3::ZERO]
+            } else {
+                points
+            };
             let points = points.iter().map(|p| instance.point(*p));
             points.fold(Aabb::EMPTY, Aabb::with)
         };
         self.instances.list.par_iter().map(bounds).collect()
+    }
+
+    /// Material and area of each of some triangles that follow each other, which are not flat.
+    pub(crate) fn placed_areas(&self, triangles: Range<usize>) -> impl Iterator<Item = (u32, f64)> {
+        // Most that follow each other are of one instance, which need not be found again.
+        let mut found: Option<(&Instance, Range<usize>, usize)> = None;
+        triangles.map(move |t| {
+            let (instance, of, first) = match found.take() {
+                Some(last) if last.1.contains(&t) => last,
+                _ => {
+                    let (instance, stored) = self.instances.find(t);
+                    let all = self.instances.stored(instance);
+                    let first = instance.first as usize;
+                    let of = first..first + all.len();
+                    (instance, of, stored - (t - first))
+                }
+            };
+            let stored = first + (t - of.start);
+            let corners = self.own_corners(stored).map(|p| instance.point(p));
+            found = Some((instance, of, first));
+            (self.material[stored], area_of(corners))
+        })
     }
 
     /// Areas of all triangles by so many materials.

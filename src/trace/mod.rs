@@ -107,7 +107,11 @@ impl<'a> Tracer<'a> {
     pub fn bytes_for(scene: &Scene) -> u64 {
         match scene.as_packed() {
             Some(_) => 0,
-            None => TriangleBvh::bytes_for(scene.mesh.triangles.len()),
+            None => {
+                let mesh = &scene.mesh;
+                TriangleBvh::bytes_for(mesh.triangles.len())
+                    + TriangleBvh::bytes_for_places(mesh.instances.list().len())
+            }
         }
     }
 

@@ -102,7 +102,7 @@ pub fn ply() -> Vec<Vec<u8>> {
     ]
 }
 
-/// A triangle with normals, a node above it, a camera and a light: as text with its buffer inside,
+/// A triangle with normals, a node above it, a camera, a light and a list of places: as text with its buffer inside,
 /// and as one binary file.
 pub fn gltf() -> Vec<Vec<u8>> {
     let mut buffer: Vec<u8> = TRIANGLE[..3]
@@ -121,8 +121,9 @@ pub fn gltf() -> Vec<Vec<u8>> {
         format!(
             r#"{{"asset":{{"version":"2.0"}},"extensionsUsed":["KHR_lights_punctual","KHR_materials_emissive_strength"],
 "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"point","intensity":4.0}},{{"type":"spot","spot":{{"innerConeAngle":0.25,"outerConeAngle":0.5}}}}]}}}},
-"scene":0,"scenes":[{{"nodes":[0,2,3]}}],"nodes":[{{"translation":[0,10,0],"children":[1]}},{{"mesh":0,"scale":[2,2,2]}},
-{{"camera":0,"translation":[0,0,5]}},{{"rotation":[-0.5,0,0,0.5],"extensions":{{"KHR_lights_punctual":{{"light":1}}}}}}],
+"scene":0,"scenes":[{{"nodes":[0,2,3,4]}}],"nodes":[{{"translation":[0,10,0],"children":[1]}},{{"mesh":0,"scale":[2,2,2]}},
+{{"camera":0,"translation":[0,0,5]}},{{"rotation":[-0.5,0,0,0.5],"extensions":{{"KHR_lights_punctual":{{"light":1}}}}}},
+{{"mesh":0,"extensions":{{"EXT_mesh_gpu_instancing":{{"attributes":{{"TRANSLATION":0}}}}}}}}],
 "cameras":[{{"type":"perspective","perspective":{{"yfov":0.8,"znear":0.1,"aspectRatio":2.0}}}}],
 "materials":[{{"emissiveFactor":[0.5,1,0],"extensions":{{"KHR_materials_emissive_strength":{{"emissiveStrength":6.0}}}},"pbrMetallicRoughness":{{"baseColorFactor":[0.1,0.2,0.3,1]}}}}],
 "meshes":[{{"primitives":[{{"material":0,"indices":2,"attributes":{{"POSITION":0,"NORMAL":1}}}}]}}],

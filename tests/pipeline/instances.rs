@@ -6,7 +6,7 @@ use lvox::formats::{Packed, PackedColumn};
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::scene::Scene;
-use lvox::shade::{self, Settings};
+use lvox::shade::Settings;
 use lvox::tree::OpenTree;
 use std::fs;
 

@@ -37,7 +37,11 @@ fn wrong(column: PackedColumn, row: u64, expected: String, found: String) -> For
 
 /// Checks boxes and children of nodes.
 pub fn check_nodes(item: u32, first: u64, piece: &[u8], meta: &PackedMeta) -> Result<()> {
-    let Some(hierarchy) = meta.hierarchies().nth(item as usize).and_then(Option::as_ref) else {
+    let Some(hierarchy) = meta
+        .hierarchies()
+        .nth(item as usize)
+        .and_then(Option::as_ref)
+    else {
         return Ok(());
     };
     for (row, at) in piece.chunks_exact(PackedColumn::Nodes.width()).zip(first..) {
@@ -124,7 +128,9 @@ pub fn check_vertex_blocks(item: u32, first: u64, piece: &[u8], meta: &PackedMet
         let vertex = most(corners, 3 * LANES, |v| v);
         // 0 for none.
         let triangle = most(lanes, LANES, |t| t.wrapping_add(1));
-        let least = (0..LANES).map(|i| number(lanes, i)).fold(u32::MAX, u32::min);
+        let least = (0..LANES)
+            .map(|i| number(lanes, i))
+            .fold(u32::MAX, u32::min);
         if u64::from(vertex) >= vertices
             || u64::from(triangle) > triangles.end
             || u64::from(least) < triangles.start

@@ -20,9 +20,9 @@ pub use hierarchy::MAX_NODE_LEVELS;
 pub use levels::MediaLevel;
 pub use meta::{
     PackedCamera, PackedCameraKey, PackedEmissionTexture, PackedEnvironment, PackedFilm,
-    PackedHierarchy, PackedImage, PackedInstances, PackedLens, PackedLight, PackedMask, PackedMasks, PackedMaterial,
-    PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedPrototype, PackedSummary, PackedTexture, PackedVolume,
-    PackedWrap,
+    PackedHierarchy, PackedImage, PackedInstances, PackedLens, PackedLight, PackedMask,
+    PackedMasks, PackedMaterial, PackedMesh, PackedMeta, PackedParts, PackedPhase, PackedPrototype,
+    PackedSummary, PackedTexture, PackedVolume, PackedWrap,
 };
 pub use read::{Packed, PackedBlocks, PackedFormat};
 pub use write::PackedWriter;

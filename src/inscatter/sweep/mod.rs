@@ -440,9 +440,8 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
     /// Whether any surface may stand among the media.
     fn has_walls(&self, bounds: Aabb) -> bool {
         let mesh = &self.view.tracer.scene.mesh;
-        let meets = |min: Vec3, max: Vec3| {
-            min.cmple(bounds.max).all() && max.cmpge(bounds.min).all()
-        };
+        let meets =
+            |min: Vec3, max: Vec3| min.cmple(bounds.max).all() && max.cmpge(bounds.min).all();
         let is_within = |i: usize| {
             let [a, b, c] = mesh.corners(i);
             meets(a.min(b).min(c), a.max(b).max(c))

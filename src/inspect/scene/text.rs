@@ -71,7 +71,10 @@ impl fmt::Display for SceneDescription {
         )?;
         if let Some(stored) = m.stored_triangles {
             let (stored, instances) = (count(stored), count(m.instances));
-            write!(f, ", {stored} triangles are stored and placed {instances} times")?;
+            write!(
+                f,
+                ", {stored} triangles are stored and placed {instances} times"
+            )?;
         }
         if m.degenerate_triangles > 0 {
             let left_out = count(m.degenerate_triangles);

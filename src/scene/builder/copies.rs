@@ -37,6 +37,18 @@ impl Copies {
         places.map(at).reduce(empty, joined)
     }
 
+    /// The largest coordinate that a point of the box around its vertices has at a place.
+    pub fn farthest(&self) -> f64 {
+        let positions = self.mesh.positions.iter();
+        let most = positions.fold(DVec3::ZERO, |most, p| most.max(p.abs()));
+        let at = |map: &DAffine3| {
+            let rows = map.matrix3.transpose();
+            let rows = [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.abs().dot(most));
+            (DVec3::from(rows) + map.translation.abs()).max_element()
+        };
+        self.world_from_mesh.iter().map(at).fold(0.0, f64::max)
+    }
+
     /// The mesh as it stands at each place.
     fn into_flat(self) -> impl Iterator<Item = MeshInput> {
         let Self {

@@ -1,11 +1,11 @@
 //! Meshes of a builder joined to the one mesh of a scene.
 
+use super::FAR;
 use super::MeshInput;
 use super::copies::Copies;
 use super::emission;
 use super::masks;
 use super::mesh::{MESH, extend_attribute};
-use super::FAR;
 use crate::run::{Cancel, memory};
 use crate::scene::{Instances, Material, Mesh, Prototype, Texture};
 use crate::{Error, Result};
@@ -71,7 +71,11 @@ pub(super) fn merge(
             m
         }));
         textures.append(&mut input.textures);
-        copies.extend(std::mem::take(&mut input.copies).into_iter().map(|c| (c, of)));
+        copies.extend(
+            std::mem::take(&mut input.copies)
+                .into_iter()
+                .map(|c| (c, of)),
+        );
         lists.add(input, of, world_from_scene, cancel)?;
     }
     let mut prototypes = Vec::new();

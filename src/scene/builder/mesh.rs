@@ -210,8 +210,7 @@ impl MeshInput {
                 "the map of instance {i} is singular or not finite: it flattens space"
             )));
         }
-        let [min, max] = copies.bounds();
-        let largest = min.abs().max(max.abs()).max_element();
+        let largest = copies.farthest();
         if copies.triangles() == 0 || largest <= MAX_COORDINATE {
             return Ok(());
         }

@@ -24,11 +24,11 @@ mod mesh;
 mod volume;
 
 pub use camera::CameraInput;
+pub(super) use copies::Copies;
 pub use emissive::EmissiveInput;
 pub use environment::EnvironmentInput;
 pub use light::LightInput;
 pub use mesh::MeshInput;
-pub(super) use copies::Copies;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
 pub use volume::VolumeInput;
 

@@ -80,6 +80,9 @@ fn is_before(hit: &Hit, other: Option<&Hit>) -> bool {
 }
 
 impl<'a> InstanceBvh<'a> {
+    /// Bytes of a place beside its box.
+    pub const PLACE_BYTES: usize = size_of::<Inverse>();
+
     /// What finds the instances of a mesh, by the hierarchies over its prototypes; `None` without
     /// any.
     pub fn new(mesh: &'a Mesh, prototypes: Vec<TriangleBvh<'a>>) -> Option<Self> {
@@ -507,10 +510,19 @@ mod tests {
         let count = closed.triangles.len();
         for (k, place) in places.iter().enumerate() {
             let first = k * count;
-            let inside = place.transform_point3(DVec3::new(0.1, 0.03, -0.2)).as_vec3();
+            let inside = place
+                .transform_point3(DVec3::new(0.1, 0.03, -0.2))
+                .as_vec3();
             for t in (0..count).step_by(7) {
                 let [a, b, c] = scene.mesh.corners(first + t);
-                for to in [a, b, c, 0.5 * (a + b), 0.5 * (b + c), 0.3 * a + 0.4 * b + 0.3 * c] {
+                for to in [
+                    a,
+                    b,
+                    c,
+                    0.5 * (a + b),
+                    0.5 * (b + c),
+                    0.3 * a + 0.4 * b + 0.3 * c,
+                ] {
                     let ray = Ray::endless(inside, (to - inside).normalize());
                     assert!(tracer.closest(&ray).is_some(), "instance {k}, triangle {t}");
                     assert!(tracer.is_occluded(&ray));

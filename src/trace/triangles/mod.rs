@@ -162,6 +162,12 @@ impl TriangleBvh<'_> {
         triangles as u64 * (block + block / 8 + node)
     }
 
+    /// Bytes that finding so many instances takes, about: a box as a triangle has one, and a map.
+    #[must_use]
+    pub fn bytes_for_places(instances: usize) -> u64 {
+        Self::bytes_for(instances) + (instances * InstanceBvh::PLACE_BYTES) as u64
+    }
+
     /// The nearest hit along a ray; of triangles at the same distance the first of the mesh.
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {

@@ -91,7 +91,9 @@ impl<'a> TriangleBvh<'a> {
         };
         let instances = mesh.instances.list().iter();
         let mut bounds = mesh.bounds_of_instances().into_iter();
-        let are_bounded = instances.zip(&mut bounds).all(|(i, bounds)| i.bounds == bounds);
+        let are_bounded = instances
+            .zip(&mut bounds)
+            .all(|(i, bounds)| i.bounds == bounds);
         let has_right_blocks = |of: &Self| match &of.blocks {
             Blocks::Corners(blocks) => blocks.iter().all(|block| {
                 lanes(&block.triangles).is_some_and(|n| {
@@ -134,7 +136,11 @@ impl<'a> TriangleBvh<'a> {
     /// # Errors
     /// As [`PackedWriter::column`], and if cancelled.
     pub fn write(&self, writer: &mut PackedWriter, cancel: &Cancel) -> Result<()> {
-        let all = || (0..).zip(self.each()).filter(|(_, bvh)| !bvh.nodes.is_empty());
+        let all = || {
+            (0..)
+                .zip(self.each())
+                .filter(|(_, bvh)| !bvh.nodes.is_empty())
+        };
         for (item, bvh) in all() {
             let nodes = bytemuck::cast_slice(&bvh.nodes);
             writer.column(PackedColumn::Nodes, item, nodes, || cancel.check())?;

@@ -82,7 +82,9 @@ impl SlabRay {
             near = near.fast_max((first - o) * inverse);
             far = far.fast_min((last - o) * inverse);
         }
-        let is_met = near.simd_le(far * f32x4::splat(Self::ROUNDING)).to_bitmask();
+        let is_met = near
+            .simd_le(far * f32x4::splat(Self::ROUNDING))
+            .to_bitmask();
         (near.to_array(), is_met & boxes.present())
     }
 

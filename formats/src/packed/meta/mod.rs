@@ -11,12 +11,12 @@ mod volume;
 use super::column::{ColumnRows, PackedColumn};
 use crate::Result;
 use crate::record::MAX_VOLUMES;
-use std::ops::Range;
 pub use instances::{PackedInstances, PackedPrototype, check_instances};
 pub use light::{PackedEnvironment, PackedLight};
 pub use parts::{PackedEmissionTexture, PackedLens, PackedMask, PackedMasks, PackedParts};
 pub use rules::MAX_EMISSION;
 use rules::check;
+use std::ops::Range;
 pub use surface::{
     PackedHierarchy, PackedImage, PackedMaterial, PackedMesh, PackedTexture, PackedWrap,
 };

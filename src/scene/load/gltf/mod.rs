@@ -35,8 +35,8 @@ use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
 use buffers::Buffers;
-use instancing::{KeptOnce, PlaceLists};
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
+use instancing::{KeptOnce, PlaceLists};
 use placed::{is_placed_alike, set_of, transform_uvs, wrap};
 use std::collections::HashMap;
 use std::path::Path;
@@ -227,7 +227,8 @@ impl<'a> Reader<'a> {
             let (flattened, places) = places.partition::<Vec<_>, _>(is_singular);
             if !flattened.is_empty() {
                 let what = "instances that are scaled to nothing are left out";
-                self.left_out.note(what, format_args!("{}", flattened.len()));
+                self.left_out
+                    .note(what, format_args!("{}", flattened.len()));
             }
             let flat = self.keep_once(&mesh, places)?.unwrap_or_default();
             for world_from_mesh in &flat {

@@ -500,3 +500,62 @@ fn damage_is_an_error_or_harmless_but_never_a_panic() {
         }
     }
 }
+
+/// The sample with its mesh at so many listed places, of which the second is flattened.
+fn listed(counts: [u32; 2]) -> (Value, Vec<u8>) {
+    let (mut json, mut bin) = sample();
+    let mut list = |values: Vec<f32>, count: u32| {
+        let (offset, length) = (bin.len(), 4 * values.len());
+        bin.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        json["buffers"][0]["byteLength"] = json!(bin.len());
+        let views = json["bufferViews"].as_array_mut().unwrap();
+        views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": length }));
+        let view = views.len() - 1;
+        let accessors = json["accessors"].as_array_mut().unwrap();
+        let entry =
+            json!({ "bufferView": view, "componentType": 5126, "count": count, "type": "VEC3" });
+        accessors.push(entry);
+        accessors.len() - 1
+    };
+    let places = (0..counts[0]).flat_map(|i| [3.0 * i as f32, 0.0, 0.0]);
+    let places = list(places.collect(), counts[0]);
+    let sizes = (0..counts[1]).flat_map(|i| [1.0, if i == 1 { 0.0 } else { 1.0 }, 1.0]);
+    let sizes = list(sizes.collect(), counts[1]);
+    let lists = json!({ "TRANSLATION": places, "SCALE": sizes, "_ID": 77 });
+    json["nodes"][1]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": lists } });
+    (json, bin)
+}
+
+#[test]
+fn meshes_stand_at_all_places_that_a_node_lists() {
+    let (json, bin) = listed([4, 4]);
+    let mut files = Files::default();
+    let import = read(&glb(&json, &bin), Path::new("x.glb"), &mut files).unwrap();
+    let mesh = import.mesh;
+    mesh.check().unwrap();
+    // So few triangles are flat.
+    assert!(mesh.copies.is_empty());
+    let first: Vec<DVec3> = mesh
+        .triangles
+        .iter()
+        .map(|t| mesh.positions[t[0] as usize])
+        .collect();
+    let expected = [0.0, 12.0, 18.0].map(|x| DVec3::new(x, 10.0, 0.0));
+    assert_eq!(first, expected);
+    assert_eq!(
+        files.warnings,
+        ["x.glb: instances that are scaled to nothing are left out: 1"]
+    );
+    for (counts, says) in [([4, 3], "unlike lengths"), ([0, 0], "")] {
+        let (json, bin) = listed(counts);
+        match load(&glb(&json, &bin)) {
+            Ok(import) => assert!(import.mesh.is_empty() && says.is_empty()),
+            Err(error) => assert!(error.to_string().contains(says), "{error}"),
+        }
+    }
+    let (mut json, bin) = listed([4, 4]);
+    let lists = &mut json["nodes"][1]["extensions"]["EXT_mesh_gpu_instancing"];
+    lists["attributes"]["ROTATION"] = json!(99);
+    let error = load(&glb(&json, &bin)).map(drop).unwrap_err().to_string();
+    assert!(error.contains("there is no accessor 99"), "{error}");
+}
