@@ -17,7 +17,7 @@ use lvox::{Kind, build, inspect, pack, scatter, shade};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A floor in reddish fog under a light.
+/// A floor in reddish fog under a light, and a board at three places.
 fn scene() -> Scene {
     let corners = [
         [-1.0, 0.0, -1.0],
@@ -26,6 +26,11 @@ fn scene() -> Scene {
         [1.0, 0.0, -1.0],
     ];
     let floor = MeshInput::new("floor", corners, vec![[0, 1, 2], [0, 2, 3]]);
+    let board = MeshInput::new("board", corners, vec![[0, 2, 1], [0, 3, 2]]);
+    let places = [-0.5, 0.1, 0.6].map(|x| {
+        let size = DVec3::new(0.2, 0.3, 0.2) * if x < 0.0 { -1.0 } else { 1.0 };
+        DAffine3::from_translation(DVec3::new(x, 1.0, 0.0)) * DAffine3::from_scale(size)
+    });
     let fog = Grid::from_fn([9; 3], |[x, ..]| 0.5 + x as f32);
     let world_from_fog = DAffine3::from_translation(DVec3::new(-0.5, 0.2, -0.5))
         * DAffine3::from_scale(DVec3::splat(0.1));
@@ -40,6 +45,7 @@ fn scene() -> Scene {
         .film(film)
         .camera(camera.unwrap())
         .mesh(floor.albedo([0.8, 0.1, 0.1]))
+        .instances(board, places)
         .light(LightInput::point([0.0, 3.0, 0.0], [8.0; 3]))
         .volume(fog.extinction_color([1.0, 0.5, 0.25]))
         .build()

@@ -42,7 +42,7 @@ pub(super) fn rows(mesh: &Mesh) -> Vec<u8> {
 /// The instances of a packed scene, whose rows were checked.
 ///
 /// # Errors
-/// More triangles than can be numbered.
+/// More triangles than can be numbered, or some that emit: lights are flat.
 pub(super) fn read(packed: &PackedScene) -> Result<Instances> {
     let file = packed.file();
     let meta = file.meta();
@@ -50,6 +50,21 @@ pub(super) fn read(packed: &PackedScene) -> Result<Instances> {
         return Ok(Instances::default());
     };
     let all = &described.prototypes;
+    let first = all.first().map_or(0, |p| p.first_triangle);
+    let materials = file.rows(PackedColumn::Materials, 0);
+    let mut materials = materials.chunks_exact(4).skip(first as usize);
+    let emits = |row: &[u8]| {
+        let material = meta
+            .materials
+            .get(u32::from_le_bytes(part(row, 0)) as usize);
+        material.is_some_and(|m| m.emission != [0.0; 3])
+    };
+    if let Some(at) = materials.position(emits) {
+        let at = first as usize + at;
+        return Err(Error::input(format!(
+            "triangle {at} is of a prototype and emits light, which only triangles in scene space may"
+        )));
+    }
     let end = [meta.mesh.triangles as u32, meta.mesh.vertices as u32];
     let prototypes = all.iter().enumerate().map(|(i, p)| {
         let next = all.get(i + 1);
