@@ -81,8 +81,9 @@ impl<'a> TriangleBvh<'a> {
         }
     }
 
-    /// The hierarchy of triangles, by their places among all that are stored, the same for any number of threads, with blocks that know
-    /// their vertices or their corners; `go_on` is asked at each split, and ends it with its error.
+    /// The hierarchy of triangles, by their places among all that are stored, the same for any number
+    /// of threads, with blocks that know their vertices or their corners; `go_on` is asked at each
+    /// split, and ends it with its error.
     pub(super) fn over<E: Send>(
         mesh: &'a Mesh,
         triangles: Range<u32>,

@@ -2,10 +2,11 @@
 //! eight wide.
 //!
 //! `build` makes the nodes from the top down, `split` finds where triangles part; `slab_ray` is the
-//! test of a ray against boxes, `instances` what finds meshes that are placed many times, `packet` the way of rays that go much the same way, `masked` is what else
-//! scenes with masks need, and `packed` is how the hierarchy lies in a packed scene. The crate
-//! `obvhs` builds and walks hierarchies, too, but slower (`cargo bench --bench rays`), leaks at
-//! edges that triangles share, and takes a time that is quadratic in triangles at one place.
+//! test of a ray against boxes, `packet` the way of rays that go much the same way, `instances` finds
+//! meshes that are placed many times, `masked` is what else scenes with masks need, and `packed` is
+//! how the hierarchy lies in a packed scene. The crate `obvhs` builds and walks hierarchies, too, but
+//! slower (`cargo bench --bench rays`), leaks at edges that triangles share, and takes a time that is
+//! quadratic in triangles at one place.
 
 mod build;
 mod instances;
@@ -183,27 +184,6 @@ impl TriangleBvh<'_> {
         }
     }
 
-    /// The nearest hit along a ray, of instances, too, where triangles are there.
-    #[inline(never)]
-    fn closest_there(&self, ray: &Ray, there: &impl There) -> Option<Hit> {
-        let hit = self.closest_where(ray, there).hit(self.scale);
-        match &self.instances {
-            None => hit,
-            Some(instances) => instances.closest(ray, hit, |prototype, ray| {
-                prototype.closest_where(ray, there).hit(prototype.scale)
-            }),
-        }
-    }
-
-    /// The nearest hit along a ray, without instances, where triangles are there by these masks.
-    fn closest_own(&self, ray: &Ray, masks: Option<&Masks>) -> Option<Hit> {
-        let nearest = match masks {
-            Some(masks) => self.closest_where(ray, masks),
-            None => self.closest_where(ray, &Whole),
-        };
-        nearest.hit(self.scale)
-    }
-
     /// The nearest hit along a ray of a camera: of triangles that cameras see in a scene.
     #[must_use]
     pub fn closest_seen(&self, ray: &Ray, scene: &Scene) -> Option<Hit> {
@@ -250,31 +230,6 @@ impl TriangleBvh<'_> {
         match &self.blocks {
             Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray, &Whole),
             Blocks::Vertices(blocks) => self.is_occluded_by_vertex(blocks, ray),
-        }
-    }
-
-    /// Whether a ray meets any instance.
-    #[inline(never)]
-    fn is_among(&self, ray: &Ray) -> bool {
-        let Some(instances) = &self.instances else {
-            return false;
-        };
-        let mut is_met = false;
-        instances.visit(ray, |prototype, ray| {
-            is_met = match &self.masks {
-                Some(masks) => prototype.is_occluded_masked(masks, ray),
-                None => prototype.is_occluded_whole(ray),
-            };
-            !is_met
-        });
-        is_met
-    }
-
-    #[inline(never)]
-    fn is_occluded_whole(&self, ray: &Ray) -> bool {
-        match &self.blocks {
-            Blocks::Corners(blocks) => self.is_occluded_by(&&blocks[..], ray, &Whole),
-            Blocks::Vertices(blocks) => self.is_occluded_by(&self.by_vertex(blocks), ray, &Whole),
         }
     }
 

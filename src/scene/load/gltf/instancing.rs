@@ -173,4 +173,29 @@ impl Reader<'_> {
         }
         Ok(None)
     }
+
+    /// Adds a mesh at a place.
+    pub(super) fn flat(
+        &mut self,
+        mesh: &::gltf::Mesh<'_>,
+        world_from_mesh: &DAffine3,
+    ) -> Result<()> {
+        for primitive in mesh.primitives() {
+            let mut part = self.part(&primitive)?;
+            part.place(world_from_mesh);
+            let total = self.out.mesh.positions.len() + part.positions.len();
+            if total > u32::MAX as usize {
+                return Err(Error::input(
+                    "more vertices than can be indexed with 32 bits",
+                ));
+            }
+            self.out.mesh.append(part)?;
+        }
+        Ok(())
+    }
+
+    fn part(&mut self, primitive: &Primitive<'_>) -> Result<MeshInput> {
+        let part = self.primitive(primitive);
+        part.map_err(|e| e.at(format!("primitive {}", primitive.index())))
+    }
 }

@@ -9,7 +9,9 @@
 //! others are warned of.
 //!
 //! - `document`: parses a file and mends what others write; `extensions`: which are read
-//! - `buffers`: the bytes of a document; `instancing`: meshes that are placed many times; `masks`: where surfaces are there; `placed`: where textures lie; here: nodes, meshes, materials, cameras and lights
+//! - `buffers`: the bytes of a document; `instancing`: meshes that are placed many times
+//! - `masks`: where surfaces are there; `placed`: where textures lie
+//! - here: nodes, meshes, materials, cameras and lights
 
 mod buffers;
 mod document;
@@ -254,27 +256,6 @@ impl<'a> Reader<'a> {
             Some(light) => self.light(&light, world_from_node),
             None => Ok(()),
         }
-    }
-
-    /// Adds a mesh at a place.
-    fn flat(&mut self, mesh: &::gltf::Mesh<'_>, world_from_mesh: &DAffine3) -> Result<()> {
-        for primitive in mesh.primitives() {
-            let mut part = self.part(&primitive)?;
-            part.place(world_from_mesh);
-            let total = self.out.mesh.positions.len() + part.positions.len();
-            if total > u32::MAX as usize {
-                return Err(Error::input(
-                    "more vertices than can be indexed with 32 bits",
-                ));
-            }
-            self.out.mesh.append(part)?;
-        }
-        Ok(())
-    }
-
-    fn part(&mut self, primitive: &Primitive<'_>) -> Result<MeshInput> {
-        let part = self.primitive(primitive);
-        part.map_err(|e| e.at(format!("primitive {}", primitive.index())))
     }
 
     fn light(&mut self, light: &PunctualLight<'_>, world_from_node: &DAffine3) -> Result<()> {
