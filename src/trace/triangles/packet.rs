@@ -1,7 +1,6 @@
 //! Rays that go much the same way, traced together: they share what they visit (Wald, Slusallek,
 //! Benthin & Wagner 2001).
 
-use super::instances::InstanceBvh;
 use super::slab_ray::{SlabRay, Stack, push_sorted};
 use super::{Blocks, Child, Corners, Nearest, There, TriangleBvh, Whole};
 use crate::math::{Hit, Ray};
@@ -28,16 +27,8 @@ pub(super) struct Member {
 }
 
 impl TriangleBvh<'_> {
-    /// Finds what [`Self::closest`] does for each ray of a packet, to the bit; `hits` has as many.
-    /// Faster where rays that follow each other are near each other and go much the same way.
-    pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        if let Some(instances) = &self.instances {
-            return self.closest_among_of_packet(instances, rays, hits);
-        }
-        self.closest_of_own_packet(rays, hits, self.masks.as_ref());
-    }
-
-    /// The same without instances, where triangles are there by these masks.
+    /// Finds what [`Self::closest`] does for each ray of a packet, to the bit, without instances, where
+    /// triangles are there by these masks.
     pub(super) fn closest_of_own_packet(
         &self,
         rays: &[Ray],
@@ -66,25 +57,6 @@ impl TriangleBvh<'_> {
             for (hit, member) in hits.iter_mut().zip(&packet) {
                 *hit = member.nearest.hit(self.scale);
             }
-        }
-    }
-
-    #[inline(never)]
-    fn closest_among_of_packet(
-        &self,
-        instances: &InstanceBvh,
-        rays: &[Ray],
-        hits: &mut [Option<Hit>],
-    ) {
-        let masks = self.masks.as_ref();
-        for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
-            self.closest_of_own_packet(rays, hits, masks);
-            instances.closest_of_packet(
-                rays,
-                hits,
-                |prototype, ray| prototype.closest_own(ray, masks),
-                |prototype, rays, hits| prototype.closest_of_own_packet(rays, hits, masks),
-            );
         }
     }
 

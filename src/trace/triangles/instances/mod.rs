@@ -310,6 +310,34 @@ impl<'a> InstanceBvh<'a> {
 
 // Apart, so that what scenes without instances need is compiled as if there were nothing else.
 impl TriangleBvh<'_> {
+    /// Finds what [`Self::closest`] does for each ray of a packet, to the bit; `hits` has as many.
+    /// Faster where rays that follow each other are near each other and go much the same way.
+    pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        if let Some(instances) = &self.instances {
+            return self.closest_among_of_packet(instances, rays, hits);
+        }
+        self.closest_of_own_packet(rays, hits, self.masks.as_ref());
+    }
+
+    #[inline(never)]
+    fn closest_among_of_packet(
+        &self,
+        instances: &InstanceBvh,
+        rays: &[Ray],
+        hits: &mut [Option<Hit>],
+    ) {
+        let masks = self.masks.as_ref();
+        for (rays, hits) in rays.chunks(PACKET).zip(hits.chunks_mut(PACKET)) {
+            self.closest_of_own_packet(rays, hits, masks);
+            instances.closest_of_packet(
+                rays,
+                hits,
+                |prototype, ray| prototype.closest_own(ray, masks),
+                |prototype, rays, hits| prototype.closest_of_own_packet(rays, hits, masks),
+            );
+        }
+    }
+
     /// The nearest hit along a ray, of instances, too, where triangles are there.
     #[inline(never)]
     pub(super) fn closest_there(&self, ray: &Ray, there: &impl There) -> Option<Hit> {
