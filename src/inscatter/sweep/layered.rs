@@ -22,6 +22,9 @@ pub struct LayeredSweep<'a, G> {
     weights: Option<ScatteringWeights>,
 }
 
+/// What arrives along one direction at the vertices of each set.
+type AtSets<K> = Vec<Vec<Arriving<K>>>;
+
 /// Vertices of one spacing, and what has arrived there.
 struct LitVertices<'a> {
     step: usize,
@@ -120,7 +123,7 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
         layers: Option<&SourceLayers>,
         lattices: &[&(u32, RayLattice)],
         vertices: &[VertexLayers],
-    ) -> Result<Vec<Vec<Vec<Arriving<G::Share>>>>> {
+    ) -> Result<Vec<AtSets<G::Share>>> {
         let passed = lattices.par_iter().map(|(q, rays)| {
             self.scope.job.cancel.check()?;
             let (arriving, passed) = match layers {
