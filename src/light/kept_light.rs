@@ -375,7 +375,8 @@ mod tests {
             for period in [10.0, 40.0] {
                 let scene = scene([64; 3], cloud(period), direction, None);
                 let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
-                let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
+                let tracer = Tracer::new(&scene);
+                let kept = KeptLight::new(&tracer, || Ok(())).unwrap();
                 let sun = kept.suns.of::<f32>(0).unwrap();
                 assert!(
                     !format!("{sun:?}").contains("exact: inf"),
@@ -385,7 +386,8 @@ mod tests {
                 let exact = checks(&scene, &[to_sun]);
                 let (mut squares, mut bias, mut sum) = (0.0, 0.0, 0.0);
                 for &(point, share) in &exact.0 {
-                    let found = exp_neg(sun.optical_depth(&Ray::endless(point, to_sun)));
+                    let ray = Ray::endless(point, to_sun);
+                    let found = exp_neg(sun.optical_depth(&tracer, &ray));
                     squares += (found - share).powi(2) / exact.0.len() as f32;
                     bias += found - share;
                     sum += share;
@@ -502,13 +504,14 @@ mod tests {
         let corners = [[-9.0, -9.0, -9.0], [-9.0, -9.0, 9.0], [9.0, -9.0, 9.0]];
         let floor = MeshInput::new("floor", corners, vec![[0, 1, 2]]);
         let scene = scene([24; 3], speckled, [0.4, -1.0, 0.2], Some(floor));
-        let kept = KeptLight::new(&Tracer::new(&scene), || Ok(())).unwrap();
+        let tracer = Tracer::new(&scene);
+        let kept = KeptLight::new(&tracer, || Ok(())).unwrap();
         assert!(kept.sky.is_none());
         let sun = kept.suns.of::<f32>(0).unwrap();
         let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
         let exact = checks(&scene, &[to_sun]).0;
         let squared = |&(point, share): &(Vec3, f32)| {
-            let found = sun.optical_depth(&Ray::endless(point, to_sun));
+            let found = sun.optical_depth(&tracer, &Ray::endless(point, to_sun));
             (exp_neg(found) - share).powi(2)
         };
         let rms = (exact.iter().map(squared).sum::<f32>() / exact.len() as f32).sqrt();

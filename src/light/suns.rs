@@ -307,7 +307,7 @@ impl<'a> SunDepth<'a> {
 }
 
 impl<K: Spectrum> ShadowMedia<K> for SunDepth<'_> {
-    fn optical_depth(&self, ray: &Ray) -> K {
+    fn optical_depth(&self, _: &Tracer, ray: &Ray) -> K {
         let depth = |v: usize| {
             let depth = match &self.volumes[v] {
                 Towards::Asked(depth) => depth.at(ray.origin),

@@ -158,7 +158,7 @@ impl<'a, K: Spectrum> VoxelLight<'a, K> {
             let point = self.volume.scene_from_index.transform_point3(at).as_vec3();
             let sun = |sun: &Parallel<K>| {
                 let ray = Ray::endless(point, sun.to_sun);
-                let depth = sun.media.optical_depth(&ray);
+                let depth = sun.media.optical_depth(self.lights.tracer, &ray);
                 match depth.least() >= BakedDepth::NO_LIGHT || sun.media.is_dark(point) {
                     true => (depth.each(|d| d.max(BakedDepth::NO_LIGHT)), true),
                     false => (depth, !self.lights.tracer.is_occluded(&ray)),

@@ -216,6 +216,13 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    /// The optical depth of one volume along a ray, exact, cell by cell: of the channel that has
+    /// most.
+    #[must_use]
+    pub fn optical_depth_in(&self, volume: usize, ray: &Ray) -> f32 {
+        Cells::new(&self.volumes[volume], ray).map_or(0.0, Cells::optical_depth) as f32
+    }
+
     /// The optical depth of all media along a ray, exact, cell by cell.
     #[must_use]
     pub fn optical_depth<K: Spectrum>(&self, ray: &Ray) -> K {
