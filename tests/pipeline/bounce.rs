@@ -84,26 +84,23 @@ fn light_in_a_closed_room_is_a_geometric_series() {
     }
 }
 
-/// Smoke that takes no light changes nothing in a room whose walls all shine, where its box ends right
-/// on the walls or before them.
+/// Smoke that takes no light changes nothing in a room whose walls all shine, and its box ends right
+/// on these.
 #[test]
 fn smoke_that_takes_nothing_may_fill_a_closed_room() {
-    for edge in [1.0, 0.9] {
-        let corner = -0.5 * edge;
-        let text = format!(
-            "{}[[volume]]\nfile = \"full.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\nvalue_scale = 0.004\n\
-             sigma_t_scale = 3\nalbedo = [1, 1, 1]\nunitcube_to_world = [[{edge}, 0, 0, {corner}], \
-             [0, {edge}, 0, {corner}], [0, 0, {edge}, {corner}], [0, 0, 0, 1]]\n",
-            closed_room(0.8)
-        );
-        let work = Work::new(&text);
-        fs::write(work.path("full.raw"), [250; 512]).unwrap();
-        let scene = work.scene();
-        let tree = work.bake(&scene, 30_000);
-        let tree = bounced(&scene, &tree, Bounces::All, None).unwrap();
-        let found = mean(&beauty(&shade(&scene, &tree, &frames::Settings::default())));
-        assert!((found / 5.0 - 1.0).abs() < 0.01, "{edge}: {found}");
-    }
+    let text = format!(
+        "{}[[volume]]\nfile = \"full.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\nvalue_scale = 0.004\n\
+         sigma_t_scale = 3\nalbedo = [1, 1, 1]\nunitcube_to_world = [[1, 0, 0, -0.5], \
+         [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n",
+        closed_room(0.8)
+    );
+    let work = Work::new(&text);
+    fs::write(work.path("full.raw"), [250; 512]).unwrap();
+    let scene = work.scene();
+    let tree = work.bake(&scene, 30_000);
+    let tree = bounced(&scene, &tree, Bounces::All, None).unwrap();
+    let found = mean(&beauty(&shade(&scene, &tree, &frames::Settings::default())));
+    assert!((found / 5.0 - 1.0).abs() < 0.01, "{found}");
 }
 
 /// A convex body under a sky sends all of its light away: there is nothing to bounce.
