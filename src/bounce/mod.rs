@@ -68,7 +68,7 @@ use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
 use places::Places;
 use rayon::prelude::*;
-use receivers::{LitRun, Met, PageReceivers, Receiver, ReceiverMaker};
+use receivers::{LitRun, Met, MetByReceiver, PageReceivers, Receiver, ReceiverMaker};
 use rewrite::{Neighbours, NewLight};
 pub use settings::{Bounces, Settings};
 use solve::{Exchange, Solution};
@@ -297,7 +297,7 @@ impl Lit {
         maker: &ReceiverMaker<M>,
         source: &Tree<MappedFile>,
         job: &Job,
-    ) -> Result<(Self, Vec<Vec<Met<M::Share>>>)> {
+    ) -> Result<(Self, MetByReceiver<M::Share>)> {
         let count = source.surfel_pages();
         let task = job.progress.task("receivers", count as u64, "pages");
         let made = (0..count).into_par_iter().map(|id| {

@@ -165,6 +165,9 @@ pub struct LitRun {
     pub receivers: [u32; 2],
 }
 
+/// By receiver: the surfaces that its rays met, in the order of rays; the others met none.
+pub type MetByReceiver<K> = Vec<Vec<Met<K>>>;
+
 /// The receivers of a page.
 #[derive(Debug)]
 pub struct PageReceivers<K> {
@@ -172,8 +175,8 @@ pub struct PageReceivers<K> {
     pub runs: Vec<LitRun>,
     /// Fronts before backs.
     pub receivers: Vec<Receiver>,
-    /// By receiver: the surfaces that its rays met, in the order of rays; the others met none.
-    pub met: Vec<Vec<Met<K>>>,
+    /// What their rays met.
+    pub met: MetByReceiver<K>,
 }
 
 /// A receiver, what its rays met, and the harmonic distance to all that.

@@ -50,7 +50,7 @@ fn places(count: u64, offset: f64) -> Vec<DAffine3> {
             DVec3::from(column) + DVec3::AXES[k as usize] * 1.5
         });
         let mut turned = DMat3::from_cols(axes[0], axes[1], axes[2]);
-        if i % 3 == 0 {
+        if i.is_multiple_of(3) {
             turned.y_axis = -turned.y_axis;
         }
         let size = libm::exp2(6.0 * number(i, 20) - 1.0);
