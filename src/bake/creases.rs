@@ -231,6 +231,9 @@ fn weld(positions: &[Vec3], cancel: &Cancel) -> Result<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{MeshInput, SceneBuilder};
+    use crate::trace::Surface;
+    use glam::{DAffine3, DVec3};
     use std::collections::BTreeMap;
 
     /// A unit square of two triangles in z = 0, and a wall standing on its edge x = 1.
@@ -340,5 +343,58 @@ mod tests {
                 plain(&mesh, libm::cosf(20_f32.to_radians()))
             );
         }
+    }
+
+    /// Turned, twice as large and mirrored.
+    #[test]
+    fn instances_have_the_creases_that_they_have_flat() {
+        let mesh = floor_and_wall();
+        let positions = || mesh.positions.iter().map(|p| p.as_dvec3());
+        let input = || MeshInput::new("corner", positions(), mesh.triangles.to_vec());
+        let turned = DAffine3::from_rotation_y(0.7) * DAffine3::from_translation(DVec3::X * 5.0);
+        let places = [1.0, -1.0].map(|side| {
+            let size = DVec3::new(2.0 * side, 2.0, 2.0);
+            // Apart: flat ones that touch would go on into each other.
+            let apart = DAffine3::from_translation(DVec3::X * 3.0 * side);
+            turned * apart * DAffine3::from_scale(size)
+        });
+        let builder = SceneBuilder::new("corners");
+        let flat = places
+            .iter()
+            .fold(SceneBuilder::new("corners"), |builder, place| {
+                builder.mesh(input().transform(place))
+            });
+        let scenes = [builder.instances(input(), places), flat].map(|b| b.build().unwrap());
+        assert_eq!(scenes[0].mesh.triangles.len(), 4);
+        let creases = scenes
+            .each_ref()
+            .map(|scene| Creases::new(&scene.mesh, 20.0, &Cancel::default()).unwrap());
+        for triangle in 0..8 {
+            for i in 0..20 {
+                let w = sampling::triangle(sampling::r2(i, [0.5; 2]));
+                let clips = [0, 1].map(|k| {
+                    let surface = Surface::new(&scenes[k], triangle, [w[1], w[2]]);
+                    let (point, normal) = (surface.position, surface.face_normal);
+                    creases[k].clips(triangle, point, normal, 0.9)
+                });
+                let [a, b] = clips.map(|c| {
+                    let edges = c.edges[..c.count as usize].iter();
+                    let edges = edges.map(|e| (normal_of(e.angle), e.offset));
+                    edges.collect::<Vec<([f32; 2], f32)>>()
+                });
+                assert_eq!(a.len(), b.len(), "triangle {triangle}");
+                for (n, offset) in &a {
+                    let is_same = |(m, other): &([f32; 2], f32)| {
+                        (n[0] - m[0]).abs() + (n[1] - m[1]).abs() + (offset - other).abs() < 1e-2
+                    };
+                    assert!(b.iter().any(is_same), "triangle {triangle}: {a:?} {b:?}");
+                }
+            }
+        }
+    }
+
+    fn normal_of(angle: f32) -> [f32; 2] {
+        let (sin, cos) = angle.sin_cos();
+        [cos, sin]
     }
 }
