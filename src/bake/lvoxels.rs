@@ -157,22 +157,7 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
             return Ok(Vec::new());
         }
         let field = BrickField::new(grid, b);
-        let level = match self.size {
-            BlockSize::Fixed { level, .. } => level,
-            BlockSize::OpticalDepth(limit) => {
-                let voxel = self.volume.longest_voxel_edge();
-                let max = if max * voxel * BRICK_EDGE as f32 <= limit {
-                    max
-                } else {
-                    field.max
-                };
-                (1..=MAX_LEVEL)
-                    .rev()
-                    .filter(|&l| max * voxel * (1 << l) as f32 <= limit)
-                    .find(|&l| !self.is_cut(b, l))
-                    .unwrap_or(0)
-            }
-        };
+        let level = self.level(b, max, &field);
         let edge = 1_usize << level;
         let per_axis = BRICK_EDGE / edge;
         let dims = grid.dims();
@@ -243,6 +228,33 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
             }
         }
         Ok(out)
+    }
+
+    /// Log2 of the voxels along an edge of the blocks of a brick with no sample above `max`.
+    fn level(&self, b: [usize; 3], max: f32, field: &BrickField) -> u8 {
+        /// Light bends where the albedo steps, and larger blocks blur that.
+        const SHARE_AT_STEPS: f32 = 0.5;
+        let limit = match self.size {
+            BlockSize::Fixed { level, .. } => return level,
+            BlockSize::OpticalDepth(limit) => limit,
+        };
+        let first = b.map(|n| n * BRICK_EDGE);
+        let limit = if self.volume.has_albedo_step(first, BRICK_EDGE) {
+            limit * SHARE_AT_STEPS
+        } else {
+            limit
+        };
+        let voxel = self.volume.longest_voxel_edge();
+        let max = if max * voxel * BRICK_EDGE as f32 <= limit {
+            max
+        } else {
+            field.max
+        };
+        (1..=MAX_LEVEL)
+            .rev()
+            .filter(|&l| max * voxel * (1 << l) as f32 <= limit)
+            .find(|&l| !self.is_cut(b, l))
+            .unwrap_or(0)
     }
 
     /// In-scattered light at a point of index space, by the rays of an index in a sequence: so many

@@ -233,7 +233,7 @@ fn least_memory<K: Share>(
         + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
     let has_lobes = scene.volumes.iter().any(|v| v.phase.moment(1) != 0.0);
-    let varies = scene.volumes.iter().any(|v| v.albedo_grid.is_some());
+    let varies = scene.has_albedo_grids();
     let of_lvoxel = ScatteringVolume::<K>::BYTES_A_BLOCK
         + if has_lobes { Lobes::BYTES_A_BLOCK } else { 0 }
         + if varies { Blocks::BYTES_OF_ALBEDO } else { 0 };

@@ -146,3 +146,26 @@ pub(super) fn mean_over(albedo: &AlbedoGrid, sigma_t: &Grid, voxels: VoxelBox) -
     }
     (weights > 0.0).then(|| Rgb((sum * (1.0 / weights)).0.map(|a| a.min(1.0))))
 }
+
+/// Whether the albedo changes at once between voxels of a box that are neighbours and hold medium.
+pub(super) fn has_step(albedo: &AlbedoGrid, sigma_t: &Grid, voxels: VoxelBox) -> bool {
+    /// What is less is as good as linear.
+    const STEP: f32 = 0.2;
+    let albedo_of = |voxel: [usize; 3]| {
+        let centre = Vec3::from(voxel.map(|i| i as f32)) + 0.5;
+        (sigma_t.sample(centre) > 0.0).then(|| albedo.at(centre))
+    };
+    let known: Vec<Option<Rgb>> = voxels.voxels().map(albedo_of).collect();
+    let [width, height, _] = voxels.dims;
+    let strides = [1, width, width * height];
+    let differ = |a: Rgb, b: Rgb| (0..3).any(|c| (a.0[c] - b.0[c]).abs() > STEP);
+    voxels.voxels().enumerate().any(|(i, voxel)| {
+        let Some(own) = known[i] else {
+            return false;
+        };
+        (0..3).any(|a| {
+            let is_last = voxel[a] + 1 == voxels.first[a] + voxels.dims[a];
+            !is_last && known[i + strides[a]].is_some_and(|next| differ(own, next))
+        })
+    })
+}

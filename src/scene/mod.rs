@@ -297,6 +297,12 @@ impl Scene {
         mesh + textures + grids as u64 + sky
     }
 
+    /// Whether the albedo of any medium varies.
+    #[must_use]
+    pub(crate) fn has_albedo_grids(&self) -> bool {
+        self.volumes.iter().any(|v| v.albedo_grid.is_some())
+    }
+
     /// Box around all triangles, volumes and emissive volumes.
     #[must_use]
     pub fn bounds(&self) -> Aabb {

@@ -1,7 +1,7 @@
 //! A participating medium: a grid of density in a box placed anywhere.
 
 use super::Grid;
-use super::albedo_grid::{AlbedoGrid, mean_over};
+use super::albedo_grid::{AlbedoGrid, has_step, mean_over};
 use super::grid::{Pyramid, VolumeGrid, VoxelBox};
 use crate::Result;
 use crate::math::{Aabb, PhaseFunction, Rgb};
@@ -122,6 +122,22 @@ impl Volume {
         let dims = std::array::from_fn(|a| edge.min(dims[a].saturating_sub(first[a])));
         let mean = mean_over(grid, &self.sigma_t, VoxelBox { first, dims });
         mean.unwrap_or(Rgb(self.albedo))
+    }
+
+    /// Whether the albedo steps from a voxel to the next in a cube of voxels, or beside it.
+    #[must_use]
+    pub fn has_albedo_step(&self, first: [usize; 3], edge: usize) -> bool {
+        let Some(grid) = &self.albedo_grid else {
+            return false;
+        };
+        let dims = self.sigma_t.dims();
+        let from = first.map(|v| v.saturating_sub(1));
+        let to: [usize; 3] = std::array::from_fn(|a| (first[a] + edge + 1).min(dims[a]));
+        let voxels = VoxelBox {
+            first: from,
+            dims: std::array::from_fn(|a| to[a].saturating_sub(from[a])),
+        };
+        has_step(grid, &self.sigma_t, voxels)
     }
 
     /// Whether it stops red, green and blue alike.

@@ -126,6 +126,7 @@ impl FrameWork for CostPilot {
                 media,
                 counts: SampleCounts::of(settings),
                 shows_background: settings.background,
+                media_have_colors: view.tracer.scene.has_albedo_grids(),
                 ends: None,
             },
         };

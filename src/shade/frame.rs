@@ -367,6 +367,7 @@ impl FrameWork for ShadeRegions {
                     media,
                     counts: SampleCounts::of(settings),
                     shows_background: settings.background,
+                    media_have_colors: view.tracer.scene.has_albedo_grids(),
                     ends: (quantities.iter().any(|q| q.is_of_ends()))
                         .then(|| EndsOfView::of(&view)),
                 };

@@ -89,6 +89,25 @@ fn half(pixels: &[[f32; 3]], channel: usize, is_right: bool) -> f64 {
     sum / (24 * 12) as f64
 }
 
+/// Blue on the right, red on the left of a step between voxels 12 and 13, within blocks of two.
+fn uneven_halves() -> Scene {
+    scene(Ok([
+        |[x, ..]| if x < 13 { 0.9 } else { 0.2 },
+        |_| 0.3,
+        |[x, ..]| if x < 13 { 0.1 } else { 0.95 },
+    ]))
+}
+
+/// By channel, the means of four columns of pixels on the left and on the right of that step.
+fn beside_the_step(pixels: &[[f32; 3]]) -> Vec<f64> {
+    let mean_of = |first: usize, channel: usize| {
+        let rows = (10..26).flat_map(|y| (first..first + 4).map(move |x| y * 48 + x));
+        rows.map(|i| f64::from(pixels[i][channel])).sum::<f64>() / 64.0
+    };
+    let of_side = |first| [0, 1, 2].map(|channel| mean_of(first, channel));
+    [of_side(21), of_side(25)].as_flattened().to_vec()
+}
+
 /// Each half in each channel is as bright to a twentieth, and a hundredth of the brightest: of one
 /// albedo they are to three hundredths, and a step of it is spread over a voxel.
 fn assert_close(found: &[[f32; 3]], expected: &[[f32; 3]]) {
@@ -115,6 +134,23 @@ fn smoke_of_two_colors_agrees_with_the_path_tracer() {
     assert_close(&once, &expected);
     let expected = traced(&scene, 0, 1024);
     assert_close(&bounced(&scene, &work, &tree), &expected);
+}
+
+#[test]
+fn a_step_of_albedo_is_not_blurred() {
+    let scene = uneven_halves();
+    let work = Work::new("");
+    let tree = work.bake(&scene, 20_000);
+    let found = beside_the_step(&bounced(&scene, &work, &tree));
+    let expected = beside_the_step(&traced(&scene, 0, 2048));
+    // Of the brighter side: pixels at the step are spread over both.
+    for c in 0..3 {
+        let most = 0.025 * expected[c].max(expected[c + 3]);
+        for side in [c, c + 3] {
+            let off = (found[side] - expected[side]).abs();
+            assert!(off < most, "{found:?} {expected:?}");
+        }
+    }
 }
 
 #[test]

@@ -35,6 +35,8 @@ pub struct PixelShader<'a, A: CameraMedia> {
     pub counts: SampleCounts,
     /// Whether the environment is seen where no surface is.
     pub shows_background: bool,
+    /// Whether media may differ in colour where they are as bright.
+    pub media_have_colors: bool,
     /// What pixels need to tell where their samples end, if that was asked for.
     pub ends: Option<EndsOfView>,
 }
@@ -91,7 +93,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             for s in known.iter_mut() {
                 s.passed = self.march(s);
             }
-            let smooth = known.iter().all(|s| alike(&known[0].passed, &s.passed));
+            let first = known[0].passed;
+            let smooth = (known.iter()).all(|s| alike(&first, &s.passed, self.media_have_colors));
             self.pass_media(known.iter(), rest, smooth);
         }
         self.resolve(samples.iter().map(|s| (1.0, s)), &mut Vec::new(), x, y)
@@ -407,9 +410,13 @@ impl<A: CameraMedia> PixelShader<'_, A> {
     }
 }
 
-/// Whether two rays of a pixel passed media alike, to a fiftieth.
-fn alike<T: PassedMedia>(a: &T, b: &T) -> bool {
-    let (la, lb) = (a.radiance().luminance(), b.radiance().luminance());
+/// Whether two rays of a pixel passed media alike, to a fiftieth; in each channel if those may differ
+/// where luminances do not.
+fn alike<T: PassedMedia>(a: &T, b: &T, by_channel: bool) -> bool {
+    let is_near = |a: f32, b: f32| (a - b).abs() <= 0.02 * (a + b);
     let apart = (a.transmittance() - b.transmittance()).each(f32::abs);
-    apart.most() <= 0.02 && (la - lb).abs() <= 0.02 * (la + lb)
+    let (a, b) = (a.radiance(), b.radiance());
+    apart.most() <= 0.02
+        && is_near(a.luminance(), b.luminance())
+        && (!by_channel || (0..3).all(|c| is_near(a.0[c], b.0[c])))
 }

@@ -69,7 +69,7 @@ impl<A: CameraMedia> Corners<'_, A> {
     ) -> (usize, bool) {
         let spacing = Self::marched_spacing(&shader.view);
         let around = [0, spacing as u32].map(sample);
-        let mut mix = MediaMix::default();
+        let mut mix = MediaMix::new(shader.media_have_colors);
         around.iter().for_each(|s| mix.add(&s.passed));
         (spacing, Self::do_alike(shader, &mix, around.iter()))
     }
@@ -78,7 +78,7 @@ impl<A: CameraMedia> Corners<'_, A> {
     /// nearly the same.
     fn media_between(&self, i: usize, is_between: [bool; 2], step: usize) -> Option<A::Passed> {
         let like = &self.corners[i].sample;
-        let mut mix = MediaMix::default();
+        let mut mix = MediaMix::new(self.shader.media_have_colors);
         let around = self.around(i, is_between, step);
         let around = around.map(|j| &self.corners[j].sample);
         for sample in around {
@@ -122,7 +122,7 @@ impl<A: CameraMedia> Corners<'_, A> {
         if A::Passed::IS_VACUUM {
             return passed;
         }
-        let mut mix = MediaMix::default();
+        let mut mix = MediaMix::new(self.shader.media_have_colors);
         passed.iter().for_each(|p| mix.add(p));
         let mean: A::Passed = mix.mean();
         if mix.is_within(Self::MAX_FLAT_DIFFERENCE, mean.radiance().luminance()) {
@@ -160,7 +160,7 @@ fn light_behind<T: PassedMedia>(sample: &Sample<T>) -> f32 {
 }
 
 /// What media do before some corners: sums, and the least and the most of transmittance and
-/// luminance.
+/// luminance, and of red, green and blue where these may differ by more.
 #[derive(Debug)]
 struct MediaMix<K> {
     radiance: Rgb,
@@ -168,21 +168,21 @@ struct MediaMix<K> {
     count: f32,
     least: [f32; 2],
     most: [f32; 2],
+    channels: Option<[[f32; 3]; 2]>,
 }
 
-impl<K: Spectrum> Default for MediaMix<K> {
-    fn default() -> Self {
+impl<K: Spectrum> MediaMix<K> {
+    fn new(by_channel: bool) -> Self {
         Self {
             radiance: Rgb::BLACK,
             transmittance: K::default(),
             count: 0.0,
             least: [f32::INFINITY; 2],
             most: [0.0; 2],
+            channels: by_channel.then_some([[f32::INFINITY; 3], [0.0; 3]]),
         }
     }
-}
 
-impl<K: Spectrum> MediaMix<K> {
     fn add(&mut self, passed: &impl PassedMedia<Share = K>) {
         self.radiance += passed.radiance();
         self.transmittance += passed.transmittance();
@@ -191,6 +191,12 @@ impl<K: Spectrum> MediaMix<K> {
         for (k, v) in values.into_iter().enumerate() {
             self.least[k] = self.least[k].min(v);
             self.most[k] = self.most[k].max(v);
+        }
+        if let Some([least, most]) = &mut self.channels {
+            for (c, v) in passed.radiance().0.into_iter().enumerate() {
+                least[c] = least[c].min(v);
+                most[c] = most[c].max(v);
+            }
         }
     }
 
@@ -202,6 +208,14 @@ impl<K: Spectrum> MediaMix<K> {
     /// Whether they differ by at most this share of 1, and of the light that is seen there.
     fn is_within(&self, share: f32, seen: f32) -> bool {
         let [transmittance, radiance] = [0, 1].map(|k| self.most[k] - self.least[k]);
-        transmittance <= share && radiance <= share * seen
+        transmittance <= share && radiance <= share * seen && self.is_one_color(share, seen)
+    }
+
+    /// Whether each channel differs by at most this share of its mean, or of the light that is seen.
+    fn is_one_color(&self, share: f32, seen: f32) -> bool {
+        self.channels.is_none_or(|[least, most]| {
+            let means = self.radiance.0.map(|sum| sum / self.count);
+            (0..3).all(|c| most[c] - least[c] <= share * means[c].max(seen))
+        })
     }
 }
