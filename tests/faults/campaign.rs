@@ -82,10 +82,13 @@ fn kills() {
 fn little_memory() {
     each("little memory", &all(), |stage, random| {
         let bench = Bench::of(stage);
-        // Below that the system cannot even load the program.
         let kib = 20_000.0 * 16_f32.powf(random.unit());
-        let run = bench.run(&mut bench.shell(&format!("ulimit -v {kib:.0}; exec \"$@\"")));
-        how(bench.ended_well(&run, &[1], &format!("ulimit -v {kib:.0}")))
+        let limit = format!("ulimit -v {kib:.0}");
+        if !bench.is_loaded_after(&limit) {
+            return "not loaded";
+        }
+        let run = bench.run(&mut bench.shell(&format!("{limit}; exec \"$@\"")));
+        how(bench.ended_well(&run, &[1], &limit))
     });
 }
 
