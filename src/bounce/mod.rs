@@ -64,6 +64,7 @@ use glam::Vec3;
 use light::{Light, Share};
 use links::{Links, Sites};
 use lobes::Lobes;
+use lvox_formats::record::VolumeInfo;
 use lvox_formats::{MappedFile, Tree};
 use media::ScatteringVolume;
 use places::Places;
@@ -186,8 +187,7 @@ pub fn check_memory(
     settings: &Settings,
     job: &Job,
 ) -> Result<u64> {
-    let colors = tree.meta().cloud.volumes.iter().map(|v| v.extinction_color);
-    match colors.into_iter().all(|color| color == [1.0; 3]) {
+    match tree.meta().cloud.volumes.iter().all(VolumeInfo::is_grey) {
         true => check_memory_of::<f32>(scene, tree, settings, job),
         false => check_memory_of::<Rgb>(scene, tree, settings, job),
     }
