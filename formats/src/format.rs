@@ -56,18 +56,37 @@ pub struct PointBlocks {
 }
 
 impl PointBlocks {
-    /// Sorts entries by kind and checks the counts that the summary gives.
-    pub(crate) fn new(blocks: Vec<Block>, sums: &Sums) -> Result<Self> {
+    /// Sorts entries by kind, has each checked, and checks the counts that the summary gives. A
+    /// large tree has millions: they are walked once.
+    pub(crate) fn new(
+        mut blocks: Vec<Block>,
+        sums: &Sums,
+        mut check: impl FnMut(usize, &Block) -> Result<()>,
+    ) -> Result<Self> {
         let is_surfels = |b: &Block| b.kind == crate::BlockKind::Surfels;
-        let lvoxels = blocks.iter().filter(|b| !is_surfels(b)).copied().collect();
-        // Of these there are far more.
-        let mut surfels = blocks;
-        surfels.retain(is_surfels);
-        let blocks = Self { surfels, lvoxels };
-        let records = |blocks: &[Block]| blocks.iter().map(|b| u64::from(b.records)).sum();
-        expect_count("surfels", records(&blocks.surfels), sums.surfels)?;
-        expect_count("lvoxels", records(&blocks.lvoxels), sums.lvoxels())?;
-        Ok(blocks)
+        let mut records = [0_u64; 2];
+        let (mut of_surfels, mut end_of_surfels) = (0, 0);
+        for (i, block) in blocks.iter().enumerate() {
+            check(i, block)?;
+            let kind = usize::from(!is_surfels(block));
+            records[kind] += u64::from(block.records);
+            if kind == 0 {
+                of_surfels += 1;
+                end_of_surfels = i + 1;
+            }
+        }
+        expect_count("surfels", records[0], sums.surfels)?;
+        expect_count("lvoxels", records[1], sums.lvoxels())?;
+        // Writers put all of them before the others.
+        let lvoxels = if of_surfels == end_of_surfels {
+            blocks.split_off(end_of_surfels)
+        } else {
+            let lvoxels = blocks.iter().filter(|b| !is_surfels(b)).copied().collect();
+            blocks.retain(is_surfels);
+            lvoxels
+        };
+        let surfels = blocks;
+        Ok(Self { surfels, lvoxels })
     }
 }
 

@@ -236,19 +236,26 @@ impl SurfelStore {
         other_bytes: u64,
         memory_limit: Option<u64>,
     ) -> Result<Self> {
+        let count = tree.surfel_pages();
+        let resident = |decoder| {
+            let pages = (0..count).map(|_| Default::default()).collect();
+            Ok(Self::Resident(ResidentTree { decoder, pages }))
+        };
+        // Of a large tree it takes long to say how large its pages are.
+        let Some(limit) = memory_limit else {
+            return resident(Decoder::new(tree, path, false));
+        };
         let most = || most_bytes_of_pages(&tree);
         let entry = (size_of::<ResidentEntry>() + size_of::<OnceLock<Box<ResidentEntry>>>()) as u64;
         let decoded = most().fold(other_bytes, |sum, bytes| {
             sum.saturating_add(bytes).saturating_add(entry)
         });
         let largest = most().max().unwrap_or(0);
-        let count = tree.surfel_pages();
         let least = Self::least_bytes(&tree);
-        let decoder = Decoder::new(tree, path, memory_limit.is_some());
-        let Some(limit) = memory_limit.filter(|&limit| decoded > limit) else {
-            let pages = (0..count).map(|_| Default::default()).collect();
-            return Ok(Self::Resident(ResidentTree { decoder, pages }));
-        };
+        let decoder = Decoder::new(tree, path, true);
+        if decoded <= limit {
+            return resident(decoder);
+        }
         let needed = other_bytes.saturating_add(least);
         size::within("shading from it", needed, memory_limit).map_err(|e| e.at(path.display()))?;
         let most = limit - other_bytes;

@@ -29,7 +29,7 @@ impl Format for CloudFormat {
     }
 
     fn arrange(blocks: Vec<Block>, summary: &CloudSummary) -> Result<PointBlocks> {
-        for (i, block) in blocks.iter().enumerate() {
+        PointBlocks::new(blocks, &summary.sums, |i, block| {
             if !(1..=CHUNK_RECORDS).contains(&(block.records as usize)) || block.nodes != 0 {
                 return Err(FormatError::invalid(
                     format!("records of block {i}"),
@@ -37,8 +37,8 @@ impl Format for CloudFormat {
                     format!("{} and {} nodes", block.records, block.nodes),
                 ));
             }
-        }
-        PointBlocks::new(blocks, &summary.sums)
+            Ok(())
+        })
     }
 
     fn check_summary(summary: &CloudSummary, meta: &CloudMeta) -> Result<()> {

@@ -2,7 +2,7 @@
 
 use super::{MAX_PAGE_BYTES, MAX_PAGE_RECORDS, columns, decode, lvoxels};
 use crate::format::{Format, PointBlocks, expect_count};
-use crate::frame::{Block, FileKind};
+use crate::frame::{Block, BlockKind, FileKind};
 use crate::opened::{Opened, check_sizes};
 use crate::record::{Below, Bounds, Lvoxel, Node, Surfel, SurfelLeaves, SurfelPage};
 use crate::summary::{Sums, TreeSummary};
@@ -29,7 +29,8 @@ impl Format for TreeFormat {
     }
 
     fn arrange(blocks: Vec<Block>, summary: &TreeSummary) -> Result<PointBlocks> {
-        for (i, block) in blocks.iter().enumerate() {
+        let mut nodes = 0;
+        let blocks = PointBlocks::new(blocks, &summary.sums, |i, block| {
             let most = MAX_PAGE_RECORDS as u32;
             if block.records > most || block.nodes > most {
                 return Err(FormatError::invalid(
@@ -38,14 +39,15 @@ impl Format for TreeFormat {
                     format!("{} and {} nodes", block.records, block.nodes),
                 ));
             }
-            check_sizes(block, i, MAX_PAGE_BYTES)?;
-        }
-        let blocks = PointBlocks::new(blocks, &summary.sums)?;
+            if block.kind == BlockKind::Surfels {
+                nodes += u64::from(block.nodes);
+            }
+            check_sizes(block, i, MAX_PAGE_BYTES)
+        })?;
         let pages = blocks.surfels.len() as u64;
         expect_count("surfel pages", pages, summary.surfel_pages)?;
         let lvoxel_pages = blocks.lvoxels.len() as u64;
         expect_count("lvoxel pages", lvoxel_pages, summary.lvoxel_pages)?;
-        let nodes = blocks.surfels.iter().map(|b| u64::from(b.nodes)).sum();
         expect_count("nodes", nodes, summary.nodes)?;
         let last = pages.checked_sub(1);
         if summary.root_page.map(u64::from) != last || summary.bounds.is_some() != last.is_some() {
