@@ -18,7 +18,8 @@ pub const MAGIC: [u8; 8] = *b"\x89LVX\r\n\x1a\n";
 
 /// Bytes of the header; blocks start here.
 pub const HEADER_LEN: usize = 104;
-const ENTRY_LEN: usize = 40;
+/// Bytes of an entry of the block table.
+pub const ENTRY_LEN: usize = 40;
 
 /// The four kinds of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

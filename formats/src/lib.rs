@@ -70,7 +70,7 @@ mod text;
 mod tree;
 
 pub use atomic::{AtomicFile, Overwrite};
-pub use cloud::{CHUNK_RECORDS, Cloud, CloudFormat, CloudWriter};
+pub use cloud::{CHUNK_RECORDS, Cloud, CloudFormat, CloudSample, CloudWriter};
 pub use error::{FormatError, Result};
 pub use format::{Format, PointBlocks};
 pub use frame::{Block, BlockKind, FileKind, VERSION};

@@ -146,6 +146,25 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
         self.volume.sigma_t.dims().map(|n| n.div_ceil(BRICK_EDGE))
     }
 
+    /// About how many lvoxels the brick at brick coordinates `b` has: more where surfaces cut it,
+    /// fewer where blocks are empty. 0 of an empty brick, and of no other.
+    #[must_use]
+    pub fn expected(&self, b: [usize; 3]) -> u32 {
+        let max = brick_max(&self.volume.sigma_t, b);
+        if max == 0.0 {
+            return 0;
+        }
+        let depth = max * self.volume.longest_voxel_edge();
+        let level = match self.size {
+            BlockSize::Fixed { level, .. } => level,
+            BlockSize::OpticalDepth(limit) => (1..=MAX_LEVEL)
+                .rev()
+                .find(|&l| depth * (1 << l) as f32 <= limit)
+                .unwrap_or(0),
+        };
+        1 << (3 * (MAX_LEVEL - level))
+    }
+
     /// Makes the lvoxels of the non-empty blocks of the brick at brick coordinates `b`.
     ///
     /// # Errors

@@ -16,18 +16,12 @@ use lvox_formats::record::Surfel;
 pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     /// Bytes of a triangle while creases are found: its neighbours, and what they are found by.
     const CREASES: u64 = 20;
-    /// Of a batch of surfels: the records, their columns, and these compressed.
-    const BATCHES: u64 = 3;
     /// Of chunks of lvoxels, and of light that is kept in their bricks.
     const LVOXELS: u64 = 24 << 20;
     /// Of a triangle of an instance: sums of areas, one for sixteen, in two lists.
     const AREAS: u64 = 1;
     let triangles = scene.mesh.triangles.len() as u64;
     let placed = (scene.mesh.triangle_count() - scene.mesh.flat_count()) as u64;
-    let samples = match &settings.surfels {
-        SurfelSampling::Area { count } => (*count).min(BATCH_SURFELS),
-        SurfelSampling::ByLight | SurfelSampling::Camera { .. } => BATCH_SURFELS,
-    };
     let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
     let media = if scene.volumes.is_empty() {
         0
@@ -41,7 +35,17 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
         .with("creases of surfaces", triangles * CREASES)
         .with("areas of instances", placed * AREAS)
         .with("light in media", media)
-        .with("surfels", BATCHES * samples * size_of::<Surfel>() as u64);
+        .with("surfels", of_surfels(settings));
     budget.within("this bake", job.memory_limit, "raise `memory_limit`")?;
     Ok(budget)
+}
+
+/// Bytes of a batch of surfels: the records, their columns, and these compressed.
+pub fn of_surfels(settings: &Settings) -> u64 {
+    const BATCHES: u64 = 3;
+    let samples = match &settings.surfels {
+        SurfelSampling::Area { count } => (*count).min(BATCH_SURFELS),
+        SurfelSampling::ByLight | SurfelSampling::Camera { .. } => BATCH_SURFELS,
+    };
+    BATCHES * samples * size_of::<Surfel>() as u64
 }

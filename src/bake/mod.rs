@@ -7,7 +7,9 @@
 //! - `creases`: where the disks of surfels end.
 //! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
 //!   means of.
-//! - `memory`: what a bake takes, told before the work.
+//! - `memory`: what a bake holds, told before the work; `plan`: what it writes and takes, by a
+//!   pilot.
+//! - `prepared`: what points are made with.
 //!
 //! Points are made in batches, in a fixed order, each from its own number alone, and go straight to
 //! the file: memory does not grow with the cloud, and the bytes do not depend on threads.
@@ -18,25 +20,26 @@ mod count;
 mod creases;
 mod lvoxels;
 mod memory;
+mod plan;
+mod prepared;
 mod surfels;
 
-use crate::light::{KeptLight, Lights, SceneMedia, Shadows, SoftShadowMedia};
 use crate::math::{Rgb, Spectrum, unflatten};
 pub use crate::run::Part;
 use crate::run::{Job, Walked};
 use crate::scene::{Scene, Volume};
-use crate::trace::Tracer;
 use crate::{Error, Result};
-use creases::Creases;
 use glam::DAffine3;
 use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
 use lvox_formats::{Cloud, CloudMeta, CloudSummary, CloudWriter, Overwrite};
 pub use lvoxels::BlockSize;
 use lvoxels::LvoxelMaker;
+pub use plan::{Plan, plan};
+use prepared::Prepared;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
-use surfels::{AreaSampler, SurfelMaker};
+use surfels::SurfelSource;
 
 /// Settings of a bake.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,8 +115,9 @@ pub fn check_memory(scene: &Scene, settings: &Settings, job: &Job) -> Result<u64
 /// Bakes a scene into a cloud file.
 ///
 /// # Errors
-/// A setting out of range, a memory limit below what the scene and a batch of points take, more volumes or blocks than a cloud can number, an output that cannot be
-/// written, or a stop on request; then no file is left.
+/// A setting out of range, a memory limit below what the scene and a batch of points take, more
+/// volumes or blocks than a cloud can number, an output that cannot be written, a disk that cannot
+/// hold a large cloud, or a stop on request; then no file is left.
 pub fn run(
     scene: &Scene,
     settings: &Settings,
@@ -121,16 +125,19 @@ pub fn run(
     overwrite: Overwrite,
     job: &Job,
 ) -> Result<CloudSummary> {
-    settings.check()?;
-    check_volume_count(scene.volumes.len())?;
-    for volume in &scene.volumes {
-        settings.blocks.check(volume)?;
-    }
+    check_input(scene, settings)?;
     job.hold(&memory::check(scene, settings, job)?);
     match scene.volumes.iter().all(Volume::is_grey) {
         true => bake_among::<f32>(scene, settings, cloud, overwrite, job),
         false => bake_among::<Rgb>(scene, settings, cloud, overwrite, job),
     }
+}
+
+fn check_input(scene: &Scene, settings: &Settings) -> Result<()> {
+    settings.check()?;
+    check_volume_count(scene.volumes.len())?;
+    let mut volumes = scene.volumes.iter();
+    volumes.try_for_each(|volume| settings.blocks.check(volume))
 }
 
 /// Bakes a scene of media that are grey, or of such as have colour.
@@ -143,39 +150,25 @@ fn bake_among<K: Spectrum>(
 ) -> Result<CloudSummary> {
     job.report.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, origin(scene, settings)?, overwrite)?;
-        let tracer = Tracer::new_until(scene, &job.cancel)?;
-        let shadows = SoftShadowMedia::new(scene)?;
-        let lights = Lights::<SceneMedia<K>>::new(&tracer)
-            .for_baking()
-            .with_soft_shadows(shadows.as_ref());
-        let creases = Creases::new(&scene.mesh, settings.crease_deg, &job.cancel)?;
-        let before = Walked::so_far();
-        if scene.volumes.is_empty() {
-            let lights = lights.in_vacuum();
-            bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
-        } else {
-            bake_surfaces(&tracer, &lights, &creases, settings, &mut writer, job)?;
-        }
-        let of_surfels = Walked::so_far();
-        let kept = KeptLight::new(&tracer, || job.cancel.check())?;
-        for (index, volume) in scene.volumes.iter().enumerate() {
-            let maker = LvoxelMaker {
-                volume,
-                index: index as u16,
-                lights: &lights,
-                kept: &kept,
-                size: settings.blocks,
-                shadow_rays: settings.shadow_rays,
-                seed: settings.seed,
-            };
-            bake_volume(&maker, settings.part, &mut writer, job)?;
-        }
+        let (of_surfels, of_lvoxels) =
+            Prepared::<K>::with(scene, settings, job, |prepared, kept| {
+                let mut before = Walked::default();
+                prepared.with_surfels(|source| {
+                    plan::check_room(prepared, source, cloud)?;
+                    before = Walked::so_far();
+                    bake_surfels(source, settings.part, &mut writer, job)
+                })?;
+                let between = Walked::so_far();
+                for maker in prepared.lvoxel_makers() {
+                    bake_volume(&maker, settings.part, &mut writer, job)?;
+                }
+                let of_lvoxels = Walked::so_far() - between;
+                Ok((between - before, of_lvoxels + kept))
+            })?;
         scene.check_file()?;
         let summary = writer.finish()?;
         counts.insert("surfels".into(), summary.sums.surfels as f64);
         counts.insert("lvoxels".into(), summary.sums.lvoxels() as f64);
-        let of_lvoxels = Walked::so_far() - of_surfels;
-        let of_surfels = of_surfels - before;
         for (name, count) in [
             ("rays_of_surfels", of_surfels.rays),
             ("cells_of_surfels", of_surfels.cells),
@@ -198,69 +191,19 @@ fn check_volume_count(count: usize) -> Result<()> {
     Ok(())
 }
 
-fn bake_surfaces<S: Shadows>(
-    tracer: &Tracer,
-    lights: &Lights<S>,
-    creases: &Creases,
-    settings: &Settings,
+fn bake_surfels(
+    source: &SurfelSource,
+    part: Part,
     writer: &mut CloudWriter,
     job: &Job,
 ) -> Result<()> {
-    let maker = SurfelMaker {
-        tracer,
-        lights,
-        creases,
-        shadow_rays: settings.shadow_rays,
-        seed: settings.seed,
-    };
-    match &settings.surfels {
-        SurfelSampling::ByLight => {
-            let count = count::surfels_for(&maker, job)?;
-            bake_area(&maker, count, settings, writer, job)
-        }
-        SurfelSampling::Area { count } => bake_area(&maker, *count, settings, writer, job),
-        SurfelSampling::Camera {
-            name,
-            rate,
-            overscan,
-        } => {
-            let camera = tracer.scene.camera(name.as_deref())?;
-            camera::bake(&maker, camera, *rate, *overscan, settings, writer, job)
-        }
-    }
-}
-
-fn bake_area<S: Shadows>(
-    maker: &SurfelMaker<S>,
-    count: u64,
-    settings: &Settings,
-    writer: &mut CloudWriter,
-    job: &Job,
-) -> Result<()> {
-    let sampler = AreaSampler::new(maker.tracer, count, settings.seed);
-    let Range { start, end } = share(sampler.count(), settings.part);
-    let task = job.progress.task("surfels", end - start, "surfels");
+    let Range { start, end } = share(source.samples, part);
+    let task = job.progress.task("surfels", end - start, source.unit);
     let mut from = start;
     while from < end {
         job.cancel.check()?;
         let to = (from + BATCH_SURFELS).min(end);
-        let batch: Vec<Option<Surfel>> = (from..to)
-            .into_par_iter()
-            .map(|i| {
-                job.cancel.check()?;
-                let (triangle, uv) = sampler.sample(i);
-                // So that the areas of those that are made add up to what masks leave.
-                if maker.tracer.is_clear(triangle, uv) {
-                    return Ok(None);
-                }
-                let area = sampler.area_per_sample(triangle);
-                Ok(Some(maker.make(triangle, uv, area, settings.overlap, i)))
-            })
-            .collect::<Result<_>>()?;
-        let batch: Vec<Surfel> = batch.into_iter().flatten().collect();
-        check_surfels(&batch)?;
-        // The next batch is on other triangles.
-        maker.tracer.scene.release_mesh();
+        let batch = source.batch(from..to, &job.cancel)?;
         writer.push_surfels(&batch)?;
         task.add(to - from);
         from = to;

@@ -1,13 +1,76 @@
 //! Area sampling of every surface: the cloud serves every camera, and what no camera sees bleeds
 //! too.
 
+use super::check_surfels;
 use super::creases::Creases;
+use crate::Result;
 use crate::light::{Lights, ShadowRays, Shadows};
 use crate::math::{Rgb, sampling};
+use crate::run::Cancel;
+use crate::scene::Scene;
 use crate::trace::{Surface, Tracer};
 use lvox_formats::record::Surfel;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI};
+use std::ops::Range;
+
+/// The surfels of a bake, each made from its number alone.
+pub struct SurfelSource<'a> {
+    /// Numbers, of which some make no surfel.
+    pub samples: u64,
+    /// What the numbers are of, for progress.
+    pub unit: &'static str,
+    /// The surfel of a number below that.
+    pub make: Box<dyn Fn(u64) -> Option<Surfel> + Sync + 'a>,
+    /// The scene, if numbers that follow each other are on triangles that do.
+    pub walked_mesh: Option<&'a Scene>,
+}
+
+impl<'a> SurfelSource<'a> {
+    /// Surfels all over the area of a scene, their disks `overlap` times wider than disks of their
+    /// area.
+    pub fn by_area<S: Shadows>(
+        maker: &'a SurfelMaker<'a, S>,
+        sampler: AreaSampler<'a>,
+        overlap: f32,
+    ) -> Self {
+        Self {
+            samples: sampler.count(),
+            unit: "surfels",
+            make: Box::new(move |i| {
+                let (triangle, uv) = sampler.sample(i);
+                // So that the areas of those that are made add up to what masks leave.
+                if maker.tracer.is_clear(triangle, uv) {
+                    return None;
+                }
+                let area = sampler.area_per_sample(triangle);
+                Some(maker.make(triangle, uv, area, overlap, i))
+            }),
+            walked_mesh: Some(maker.tracer.scene),
+        }
+    }
+
+    /// The surfels of some numbers.
+    ///
+    /// # Errors
+    /// A stop on request, or a surfel that files cannot hold.
+    pub fn batch(&self, numbers: Range<u64>, cancel: &Cancel) -> Result<Vec<Surfel>> {
+        let batch: Vec<Option<Surfel>> = numbers
+            .into_par_iter()
+            .map(|i| {
+                cancel.check()?;
+                Ok((self.make)(i))
+            })
+            .collect::<Result<_>>()?;
+        let batch: Vec<Surfel> = batch.into_iter().flatten().collect();
+        check_surfels(&batch)?;
+        // The next batch is on other triangles.
+        if let Some(scene) = self.walked_mesh {
+            scene.release_mesh();
+        }
+        Ok(batch)
+    }
+}
 
 /// Systematic sampling over the running area of a mesh, with that of each piece times its density:
 /// sample `i` stands for one step of that, so counts follow area exactly, tiny triangles included,

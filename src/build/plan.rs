@@ -3,9 +3,9 @@
 use super::spill::Run;
 use super::subtree::{self, PageSettings, Pages, Sorted};
 use super::{FIXED_MEMORY, Limits, MappedCloud, Settings, feed, lvoxels, morton::Cube};
+use crate::Result;
 use crate::formats::{Bounds, Cloud, Sums, Surfel};
 use crate::run::{Job, size, usage};
-use crate::{Error, Result};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
@@ -18,8 +18,6 @@ const SAMPLED_CHUNKS: usize = 12;
 const MIN_CHUNKS_TO_CHECK: usize = 1024;
 /// Bytes in memory of a surfel in work: the record, its key, its share of pages and nodes.
 const SURFEL_BYTES: f64 = 148.0;
-/// A disk is too small only if it cannot hold this share of what the plan says.
-const SURE_SHARE: f64 = 0.8;
 
 /// What a build will take, about.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -81,35 +79,19 @@ pub fn check_room(
         return Ok(());
     }
     let plan = of_clouds(&[cloud], settings, limits, job)?;
-    let tree_folder = tree_path.parent().filter(|p| !p.as_os_str().is_empty());
-    let tree_folder = tree_folder.unwrap_or(Path::new("."));
     let temp_folder = job.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
-    for (what, folder, bytes, advice) in [
-        (
-            "the tree",
-            tree_folder,
-            plan.tree_bytes,
-            "free some of the disk, or write elsewhere",
-        ),
-        (
-            "temporary files",
-            temp_folder.as_path(),
-            plan.temporary_bytes,
-            "free some of the disk, or choose another folder for temporary files (`temp_dir`)",
-        ),
-    ] {
-        let free = usage::free_disk_bytes(folder);
-        if free.is_some_and(|free| (free as f64) < bytes as f64 * SURE_SHARE) {
-            return Err(Error::failed(format!(
-                "{what} in {}: expected room for about {}, found {}",
-                folder.display(),
-                size::format(bytes),
-                size::format(free.unwrap_or(0))
-            ))
-            .hint(advice));
-        }
-    }
-    Ok(())
+    usage::check_room(
+        "the tree",
+        usage::folder_of(tree_path),
+        plan.tree_bytes,
+        "free some of the disk, or write elsewhere",
+    )?;
+    usage::check_room(
+        "temporary files",
+        &temp_folder,
+        plan.temporary_bytes,
+        "free some of the disk, or choose another folder for temporary files (`temp_dir`)",
+    )
 }
 
 fn of_clouds(

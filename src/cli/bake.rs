@@ -8,6 +8,7 @@ use super::scene_input::SceneInput;
 use crate::Result;
 use crate::bake::{Part, Settings};
 use crate::formats::FileKind;
+use crate::run::usage;
 use std::path::PathBuf;
 
 /// Bake a scene into a cloud of surfels and lvoxels with their direct light
@@ -59,9 +60,15 @@ impl Args {
         let job = &context.job;
         job.heed_warnings()?;
         if self.planning.plan {
-            let held = crate::bake::check_memory(&scene, &settings, job)?;
-            let plan = Plan::of(&self.files(), held).with_scene(&scene);
-            return plan.print(self.planning);
+            let before = usage::cpu_secs();
+            let planned = crate::bake::plan(&scene, &settings, job)?;
+            return Plan::of(&self.files(), planned.memory_bytes)
+                .with_scene(&scene)
+                .with("surfels", planned.surfels)
+                .with("lvoxels", planned.lvoxels)
+                .writing(planned.cloud_bytes)
+                .taking(Some(before + planned.cpu_secs))
+                .print(self.planning);
         }
         let is_same = || crate::bake::has_made(&self.output, &scene, &settings);
         if !self.resume.is_made(&self.output, is_same, job) {

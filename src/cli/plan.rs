@@ -34,6 +34,9 @@ pub struct Plan {
     memory_bytes: u64,
     /// What there is to be done, each with the unit that its name says.
     work: Vec<(&'static str, u64)>,
+    /// Bytes of what it would write, about, where a pilot tells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    written_bytes: Option<u64>,
     /// CPU seconds that the work would take, about, where a pilot or the user tells.
     #[serde(skip_serializing_if = "Option::is_none")]
     cpu_secs: Option<f64>,
@@ -114,6 +117,16 @@ impl Plan {
         Self { cpu_secs, ..self }
     }
 
+    /// And writing about so many bytes.
+    #[must_use]
+    pub fn writing(self, bytes: u64) -> Self {
+        let written_bytes = Some(bytes);
+        Self {
+            written_bytes,
+            ..self
+        }
+    }
+
     /// Prints it.
     pub fn print(&self, how: Planning) -> Result<()> {
         match how.json {
@@ -139,6 +152,9 @@ impl fmt::Display for Plan {
         }
         for (what, count) in &self.work {
             line(what, count.to_string())?;
+        }
+        if let Some(bytes) = self.written_bytes {
+            line("written", format!("about {}", size::format(bytes)))?;
         }
         line(
             "memory",

@@ -1,5 +1,8 @@
 //! What the process has taken from the machine so far.
 
+use super::size;
+use crate::{Error, Result};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// CPU seconds of all threads; 0 where the system does not tell.
@@ -16,7 +19,7 @@ pub fn cpu_secs() -> f64 {
 
 /// Bytes that may still be written to the disk of a folder; `None` where the system does not tell.
 #[must_use]
-pub fn free_disk_bytes(folder: &std::path::Path) -> Option<u64> {
+pub fn free_disk_bytes(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
         let disk = rustix::fs::statvfs(folder).ok()?;
@@ -27,6 +30,33 @@ pub fn free_disk_bytes(folder: &std::path::Path) -> Option<u64> {
         let _ = folder;
         None
     }
+}
+
+/// Refuses to write what the disk of a folder cannot hold: not even much less than `bytes`, which
+/// are about what `what` takes.
+///
+/// # Errors
+/// [`crate::Kind::Failed`] with both sizes, and `advice`.
+pub fn check_room(what: &str, folder: &Path, bytes: u64, advice: &str) -> Result<()> {
+    /// Of what is about true.
+    const SURE_SHARE: f64 = 0.8;
+    match free_disk_bytes(folder) {
+        Some(free) if (free as f64) < bytes as f64 * SURE_SHARE => Err(Error::failed(format!(
+            "{what} in {}: expected room for about {}, found {}",
+            folder.display(),
+            size::format(bytes),
+            size::format(free)
+        ))
+        .hint(advice)),
+        _ => Ok(()),
+    }
+}
+
+/// The folder that a file is in.
+#[must_use]
+pub fn folder_of(file: &Path) -> &Path {
+    let folder = file.parent().filter(|p| !p.as_os_str().is_empty());
+    folder.unwrap_or(Path::new("."))
 }
 
 /// The largest resident size that was known when it was last counted anew.
@@ -58,6 +88,25 @@ fn peak_so_far() -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn what_no_disk_holds_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.lvc");
+        assert_eq!(folder_of(&file), folder.path());
+        assert_eq!(folder_of(Path::new("a.lvc")), Path::new("."));
+        let check = |bytes| check_room("the cloud", folder.path(), bytes, "write elsewhere");
+        check(1).unwrap();
+        let error = check(1 << 60).unwrap_err();
+        assert_eq!(error.kind(), crate::Kind::Failed);
+        let text = error.to_string();
+        assert!(
+            text.contains("expected room for about 1048576 TiB"),
+            "{text}"
+        );
+        assert_eq!(error.hint_text(), Some("write elsewhere"));
+    }
 
     #[cfg(target_os = "linux")]
     #[test]

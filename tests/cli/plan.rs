@@ -29,7 +29,10 @@ fn verbs_say_what_they_would_take_and_write_nothing() {
                 "b.lvc",
                 "triangles  12",
                 "voxels",
-                "time       not told",
+                "surfels    ",
+                "lvoxels    ",
+                "written    about ",
+                "CPU s",
             ][..],
         ),
         (

@@ -33,6 +33,7 @@ mod outputs;
 mod packed;
 mod physics;
 mod pictures;
+mod plans;
 mod points;
 mod scatter;
 mod screens;

@@ -47,8 +47,8 @@ pub const SOURCE: usize = 4;
 pub const SOURCE_GREY: usize = 5;
 pub const LOBE: usize = 6;
 
-const ZSTD_LEVEL: i32 = 1;
-const DIRECTORY_ENTRY: usize = 16;
+pub const ZSTD_LEVEL: i32 = 1;
+pub const DIRECTORY_ENTRY: usize = 16;
 
 /// How the bytes of a column are stored.
 const RAW: u8 = 0;
@@ -104,7 +104,7 @@ pub fn pack(table: &[Column], columns: &[(usize, Vec<u8>)]) -> Result<Packed> {
     Ok(packed)
 }
 
-fn is_constant(rows: &[u8], width: usize) -> bool {
+pub fn is_constant(rows: &[u8], width: usize) -> bool {
     rows.len() > width && rows.chunks_exact(width).all(|row| row == &rows[..width])
 }
 

@@ -3,12 +3,15 @@
 //! - `columns`: the columns of a chunk, each compressed apart behind a directory of them.
 //! - `write`: points to chunks.
 //! - `read`: chunks to points.
+//! - `sample`: bytes that chunks will take.
 
 mod columns;
 mod read;
+mod sample;
 mod write;
 
 pub use read::{Cloud, CloudFormat};
+pub use sample::CloudSample;
 pub use write::CloudWriter;
 
 /// The most records in a chunk.

@@ -202,7 +202,7 @@ fn reason(column: &str) -> &'static str {
     }
 }
 
-type Columns = Vec<(usize, Vec<u8>)>;
+pub type Columns = Vec<(usize, Vec<u8>)>;
 
 /// Three channels, one if grey, none if dark. Adds what was saved.
 fn radiance(
@@ -223,7 +223,7 @@ fn radiance(
 }
 
 /// Columns of a chunk. The surfels become what a reader will decode.
-fn surfel_columns(surfels: &mut [Surfel], overlap: f32) -> (Columns, [u64; 10]) {
+pub fn surfel_columns(surfels: &mut [Surfel], overlap: f32) -> (Columns, [u64; 10]) {
     let mut left_out = [0; 10];
     let n = surfels.len();
     let mut normals = Vec::with_capacity(n * 4);
@@ -283,7 +283,7 @@ fn surfel_columns(surfels: &mut [Surfel], overlap: f32) -> (Columns, [u64; 10]) 
     (columns, left_out)
 }
 
-fn lvoxel_columns(lvoxels: &[Lvoxel]) -> (Columns, [u64; col::LVOXELS.len()]) {
+pub fn lvoxel_columns(lvoxels: &[Lvoxel]) -> (Columns, [u64; col::LVOXELS.len()]) {
     let mut left_out = [0; col::LVOXELS.len()];
     let n = lvoxels.len();
     let mut columns = Vec::new();
