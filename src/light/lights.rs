@@ -121,7 +121,7 @@ impl<'a, K: Spectrum> Lights<'a, SceneMedia<'a, K>> {
 
 impl<S> Lights<'_, S> {
     /// Whether shadow rays go to parts of an environment image.
-    pub(super) fn has_excess(&self) -> bool {
+    pub fn has_excess(&self) -> bool {
         self.sky.as_ref().is_some_and(|sky| sky.excess.is_some())
     }
 }

@@ -15,7 +15,8 @@ pub enum ShadowRays {
         seed: u64,
     },
     /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells
-    /// in turn have, together, a well-spread set (Keller & Heidrich 2001).
+    /// in turn have, together, a well-spread set (Keller & Heidrich 2001), and with four rays each one
+    /// in each of 64 cells.
     Cells {
         /// Cell of the first ray, 0 to 15; others are in the quarters after it.
         cell: u8,
@@ -56,10 +57,14 @@ impl ShadowRays {
                 cell, first, seed, ..
             } => {
                 let ray = u32::from(first) + i;
-                let cell = (u32::from(cell) + 4 * ray) % 16;
-                let [u, v] = unit2(hash(&[seed, u64::from(set), u64::from(ray)]));
+                let first = u32::from(cell);
+                let cell = (first + 4 * ray) % 16;
                 let [x, y] = [cell >> 2 & 2 | cell >> 1 & 1, cell >> 1 & 2 | cell & 1];
-                [0.25 * (x as f32 + u), 0.25 * (y as f32 + v)]
+                // The four points that a cell gets of the first four rays of all lie in its quarters.
+                let quarter = ray + 2 * (first >> 2) + first;
+                let [x, y] = [2 * x + (quarter & 1), 2 * y + (quarter >> 1 & 1)];
+                let [u, v] = unit2(hash(&[seed, u64::from(set), u64::from(ray)]));
+                [0.125 * (x as f32 + u), 0.125 * (y as f32 + v)]
             }
         }
     }
@@ -85,5 +90,33 @@ impl ShadowRays {
                 ]
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn four_rays_in_each_of_16_cells_lie_in_64_cells() {
+        let rays = |cell, first, count| ShadowRays::Cells {
+            cell,
+            first,
+            count,
+            seed: u64::from(cell) + 7,
+        };
+        let cells_of = |rays: ShadowRays| {
+            (0..rays.count()).map(move |i| rays.point(i, 0).map(|u| (8.0 * u) as u32))
+        };
+        let all: BTreeSet<_> = (0..16)
+            .flat_map(|cell| cells_of(rays(cell, 0, 1)).chain(cells_of(rays(cell, 1, 3))))
+            .collect();
+        assert_eq!(all.len(), 64);
+        let first: BTreeSet<_> = (0..16)
+            .flat_map(|cell| cells_of(rays(cell, 0, 1)))
+            .map(|[x, y]| [x / 2, y / 2])
+            .collect();
+        assert_eq!(first.len(), 16);
     }
 }

@@ -17,8 +17,8 @@ const WALLS: Region = Region {
     y1: 320,
 };
 
-/// It is 0.85 to 0.88 % by two seeds; where corners take one shadow ray, not four, it is 1.61 to
-/// 1.7 %.
+/// It is 0.24 % by two seeds; without wide penumbrae and with light in 16 cells, not 64, it is 0.85 to
+/// 0.88 %, and where corners take one shadow ray, not four, 1.61 to 1.7 %.
 #[test]
 fn walls_behind_smoke_have_little() {
     let (_dir, scene, store) = demo(20_000);
@@ -32,6 +32,6 @@ fn walls_behind_smoke_have_little() {
             frame.picture("", &WALLS).unwrap()
         };
         let of_one = metric::grain(&seen(0), &seen(1)) / SQRT_2;
-        assert!((0.001..0.0115).contains(&of_one), "{quality:?}: {of_one}");
+        assert!((0.001..0.004).contains(&of_one), "{quality:?}: {of_one}");
     }
 }

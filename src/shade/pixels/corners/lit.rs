@@ -67,7 +67,7 @@ impl<A: CameraMedia> Corners<'_, A> {
         own.iter()
             .for_each(|c| visibility += c.sample.direct.visibility);
         let direct = &sample.direct;
-        let (arriving, is_edge) = match self.lit(first, sample, at) {
+        let (arriving, is_edge) = match self.lit(first, own[0], at) {
             LightAtPixel::Arrived { lamps, sky } => (direct.arriving(&lamps, &sky), false),
             LightAtPixel::Edge => (direct.arriving(&direct.ratio, &direct.sky.ratio), true),
         };

@@ -23,7 +23,7 @@ impl<A: CameraMedia> Corners<'_, A> {
     /// media of their neighbours differ.
     pub(super) fn pass_media(&mut self) {
         // A pixel needs the ring around its own corners.
-        let rim = Self::RINGS as usize - 1;
+        let rim = self.rings as usize - 1;
         let spacing = Self::marched_spacing(&self.shader.view);
         self.coarse_to_fine(rim, spacing, |corners, visit| {
             let i = visit.index;

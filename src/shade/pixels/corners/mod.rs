@@ -11,6 +11,7 @@ mod media;
 mod penumbra;
 mod sampler;
 mod shadow_rays;
+mod wide;
 
 use super::piece::Piece;
 use super::pixel::Pixel;
@@ -25,11 +26,15 @@ use crate::shade::surfaces::WithSky;
 pub use lit::{LitCorner, LitEnd};
 use penumbra::LightAtPixel;
 use sampler::Sampler;
+use shadow_rays::PENUMBRA_REACH;
+use wide::SquareSums;
 
 /// Corners of the pixels of a region and around it, as pixels need them.
 pub struct Corners<'a, A: CameraMedia> {
     shader: &'a PixelShader<'a, A>,
     region: Region,
+    /// Rings of corners around those of the region's own pixels.
+    rings: u32,
     /// Corners in a row, and rows in all.
     width: usize,
     height: usize,
@@ -38,6 +43,8 @@ pub struct Corners<'a, A: CameraMedia> {
     /// By corner; where it is so all around, a pixel need not ask the corners themselves. Empty if
     /// no light has an extent.
     is_full_light: Vec<bool>,
+    /// Shadow rays of more corners than those around a pixel.
+    squares: SquareSums,
 }
 
 /// A corner of a pixel.
@@ -71,11 +78,19 @@ impl CornerPosition {
 }
 
 impl<'a, A: CameraMedia> Corners<'a, A> {
-    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels.
-    /// The next two tell whether the first is in a penumbra and may take its indirect light from
-    /// neighbours. The last, in media, tells whether those before the first may be the mean of
-    /// their neighbours'.
-    const RINGS: u32 = if A::Passed::IS_VACUUM { 3 } else { 4 };
+    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels. The
+    /// next, two or in media three, tell whether it may take its indirect light, or the media before
+    /// it, from neighbours. Of lights with an extent two more tell wide penumbrae, and two around these
+    /// whether they are in one.
+    fn rings(shader: &PixelShader<A>) -> u32 {
+        match (shader.lights.rest_is_exact(), A::Passed::IS_VACUUM) {
+            (false, _) => Self::RINGS_OF_PENUMBRAE + PENUMBRA_REACH as u32,
+            (true, true) => 3,
+            (true, false) => 4,
+        }
+    }
+    /// Rings whose shadow rays take part in pixels.
+    const RINGS_OF_PENUMBRAE: u32 = 3;
 
     /// Pixels between gathers from which on indirect light is looked up at every fourth corner, not
     /// every second: what is smooth over so many is smooth over four.
@@ -91,15 +106,18 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
             x1: region.x1 + region.x1 % 2,
             y1: region.y1 + region.y1 % 2,
         };
-        let width = (region.width() + 1 + 2 * Self::RINGS) as usize;
-        let height = (region.height() + 1 + 2 * Self::RINGS) as usize;
+        let rings = Self::rings(shader);
+        let width = (region.width() + 1 + 2 * rings) as usize;
+        let height = (region.height() + 1 + 2 * rings) as usize;
         let mut corners = Self {
             shader,
             region,
+            rings,
             width,
             height,
-            corners: Sampler::new(shader, region, width).sample(height),
+            corners: Sampler::new(shader, region, rings).sample(height),
             is_full_light: Vec::new(),
+            squares: SquareSums::default(),
         };
         // Before any corner asks more of the lights: those of the outer rings do not, but they do
         // in regions of their own, and whether media are alike must not depend on the region.
@@ -120,10 +138,10 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         row * self.width + column
     }
 
-    fn place(region: Region, column: usize, row: usize) -> CornerPosition {
+    fn place(region: Region, rings: u32, column: usize, row: usize) -> CornerPosition {
         let of = |first: u32, step: usize| {
             let moved = first + step as u32;
-            (moved, moved as f32 - Self::RINGS as f32)
+            (moved, moved as f32 - rings as f32)
         };
         let (x, y) = (of(region.x0, column), of(region.y0, row));
         CornerPosition {
@@ -141,14 +159,14 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         } else {
             4
         };
-        self.coarse_to_fine(Self::RINGS as usize, spacing, |corners, visit| {
+        self.coarse_to_fine(self.rings as usize, spacing, |corners, visit| {
             let i = visit.index;
             let Some(surface) = corners.corners[i].sample.surface else {
                 return;
             };
             let between = (visit.between).and_then(|(is, step)| corners.between(i, is, step));
             // Rings before the film's own corners are as good as its first row for a key.
-            let [x, y] = visit.moved.map(|v| v.saturating_sub(Self::RINGS));
+            let [x, y] = visit.moved.map(|v| v.saturating_sub(corners.rings));
             corners.corners[i].irradiance =
                 between.unwrap_or_else(|| corners.shader.indirect(&surface, x, y));
         });
@@ -183,8 +201,8 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
 
     /// The first of the 16 corners around pixel (x, y).
     fn first_around(&self, x: u32, y: u32) -> usize {
-        let row = (y - self.region.y0 + Self::RINGS - 1) as usize;
-        let column = (x - self.region.x0 + Self::RINGS - 1) as usize;
+        let row = (y - self.region.y0 + self.rings - 1) as usize;
+        let column = (x - self.region.x0 + self.rings - 1) as usize;
         self.index(row, column)
     }
 
@@ -247,7 +265,7 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         if visibility.has_edge() {
             return None;
         }
-        let LightAtPixel::Arrived { lamps, sky } = self.lit(first, &own[0].sample, at) else {
+        let LightAtPixel::Arrived { lamps, sky } = self.lit(first, own[0], at) else {
             return None;
         };
         let [x, y] = pixel.at();

@@ -45,18 +45,65 @@ impl NearbyRays {
         self.corners += 1.0;
     }
 
-    /// What they say.
-    pub fn lit(&self) -> LightAtPixel {
-        let has_penumbra = self.visibility.has_penumbra();
-        let lit = |rays: &RaysToLights| match has_penumbra {
-            true => rays.lit(self.corners),
-            false => Some(rays.all()),
+    /// What they say, and where a penumbra is wide the `squares` around the pixel, to lamps and suns and
+    /// to the sky.
+    pub fn lit(&self, squares: impl FnOnce() -> Option<[Option<Squares>; 2]>) -> LightAtPixel {
+        if !self.visibility.has_penumbra() {
+            return LightAtPixel::Arrived {
+                lamps: self.lamps.all(),
+                sky: self.sky.all(),
+            };
+        }
+        let [Some(lamps), Some(sky)] = [&self.lamps, &self.sky].map(|rays| rays.lit(self.corners))
+        else {
+            return LightAtPixel::Edge;
         };
-        match (lit(&self.lamps), lit(&self.sky)) {
-            (Some(lamps), Some(sky)) => LightAtPixel::Arrived { lamps, sky },
-            _ => LightAtPixel::Edge,
+        let [of_lamps, of_sky] = squares().unwrap_or_default();
+        let wide = |narrow, squares: Option<Squares>| {
+            squares.and_then(|s| s.wide(narrow)).unwrap_or(narrow)
+        };
+        LightAtPixel::Arrived {
+            lamps: wide(lamps, of_lamps),
+            sky: wide(sky, of_sky),
         }
     }
+}
+
+/// The shadow rays of 8 x 8 corners around a pixel: upper left, upper right, lower left, lower right.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Squares(pub [ShadowRatio; 4]);
+
+impl Squares {
+    /// Share of all by which two halves may differ: what rises as a square from the foot of a penumbra
+    /// is off by a hundredth then.
+    const MAX_RISE: f32 = 0.35;
+    /// The same in all, for the bend at the end of a penumbra.
+    const MAX_DIFFERENCE: f32 = 0.2;
+    /// By how much, times the deviation of single rays, the mean may differ from that of the 4 x 4
+    /// corners in the middle: three times the noise of those.
+    const MAX_BEND: f32 = 0.12;
+
+    /// What arrived along all of them, if the penumbra is as wide as that beside what `narrow` tells.
+    fn wide(&self, narrow: ShadowRatio) -> Option<ShadowRatio> {
+        let all = sum(&self.0);
+        let share = all.share();
+        let most = Self::MAX_DIFFERENCE.min(Self::MAX_RISE * share);
+        let [a, b, c, d] = self.0;
+        let differ = |one: [ShadowRatio; 2], other: [ShadowRatio; 2]| {
+            (sum(&one).share() - sum(&other).share()).abs() > most
+        };
+        let bend = (share - narrow.share()).abs();
+        let is_wide = !differ([a, b], [c, d])
+            && !differ([a, c], [b, d])
+            && bend <= Self::MAX_BEND * variance(all).max(0.0).sqrt();
+        is_wide.then_some(all)
+    }
+}
+
+fn sum(ratios: &[ShadowRatio]) -> ShadowRatio {
+    let mut sum = ShadowRatio::default();
+    ratios.iter().for_each(|r| sum += *r);
+    sum
 }
 
 impl RaysToLights {
@@ -78,9 +125,7 @@ impl RaysToLights {
     }
 
     fn all(&self) -> ShadowRatio {
-        let mut all = self.half(0, 1);
-        all += self.half(2, 3);
-        all
+        sum(&self.quarters)
     }
 
     /// What arrived along them, if that tells the light of the pixel.
@@ -105,9 +150,7 @@ impl RaysToLights {
 
     /// Two quarters.
     fn half(&self, a: usize, b: usize) -> ShadowRatio {
-        let mut sum = self.quarters[a];
-        sum += self.quarters[b];
-        sum
+        sum(&[self.quarters[a], self.quarters[b]])
     }
 }
 
@@ -115,4 +158,40 @@ impl RaysToLights {
 fn variance(rays: ShadowRatio) -> f32 {
     let share = rays.share();
     share * (1.0 - share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rgb;
+
+    /// Of 64 rays.
+    fn arrived(share: f32) -> ShadowRatio {
+        ShadowRatio {
+            shadowed: Rgb([64.0 * share; 3]),
+            unshadowed: Rgb([64.0; 3]),
+        }
+    }
+
+    fn wide(squares: [f32; 4], narrow: f32) -> Option<f32> {
+        let squares = Squares(squares.map(arrived));
+        squares.wide(arrived(narrow)).map(|all| all.share())
+    }
+
+    #[test]
+    fn wide_penumbrae_are_told_by_more_corners() {
+        assert_eq!(wide([0.5, 0.5625, 0.5625, 0.625], 0.54), Some(0.5625));
+        assert_eq!(wide([0.25, 0.3125, 0.25, 0.3125], 0.28), Some(0.28125));
+        assert_eq!(wide([1.0; 4], 1.0), Some(1.0));
+        assert_eq!(wide([0.0; 4], 0.0), Some(0.0));
+    }
+
+    #[test]
+    fn narrow_ones_are_not() {
+        // Steep, at the foot of a penumbra, and bent.
+        assert_eq!(wide([0.3, 0.7, 0.3, 0.7], 0.5), None);
+        assert_eq!(wide([0.01, 0.05, 0.01, 0.05], 0.03), None);
+        assert_eq!(wide([0.5; 4], 0.6), None);
+        assert_eq!(wide([0.05; 4], 0.0), None);
+    }
 }

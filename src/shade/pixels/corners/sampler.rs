@@ -22,6 +22,8 @@ use crate::trace::Surface;
 pub(super) struct Sampler<'a, A: CameraMedia> {
     shader: &'a PixelShader<'a, A>,
     region: Region,
+    /// Rings of corners around the region's own.
+    rings: u32,
     /// Corners in a row.
     width: usize,
     /// The last row at an even coordinate that was sampled.
@@ -36,12 +38,13 @@ struct EvenCorner<'a, A: CameraMedia> {
 }
 
 impl<'a, A: CameraMedia> Sampler<'a, A> {
-    /// Before the first row of so many corners.
-    pub fn new(shader: &'a PixelShader<'a, A>, region: Region, width: usize) -> Self {
+    /// Before the first row of the corners of a region and so many rings around them.
+    pub fn new(shader: &'a PixelShader<'a, A>, region: Region, rings: u32) -> Self {
         Self {
             shader,
             region,
-            width,
+            rings,
+            width: (region.width() + 1 + 2 * rings) as usize,
             even: Vec::new(),
         }
     }
@@ -83,7 +86,7 @@ impl<'a, A: CameraMedia> Sampler<'a, A> {
     }
 
     fn place(&self, column: usize, row: usize) -> CornerPosition {
-        Corners::<A>::place(self.region, column, row)
+        Corners::<A>::place(self.region, self.rings, column, row)
     }
 
     fn rays(&self, place: &CornerPosition) -> ShadowRays {

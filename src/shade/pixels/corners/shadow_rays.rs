@@ -4,21 +4,19 @@ use super::penumbra::{LightAtPixel, NearbyRays};
 use super::{Corner, Corners};
 use crate::light::{DirectLight, ShadowRatio, Unshadowed, Visibility, is_similar};
 use crate::shade::pixels::camera_media::CameraMedia;
-use crate::shade::pixels::sample::Sample;
 
 /// Corners near one, along both axes, whose rays tell whether it may be in a penumbra.
-const PENUMBRA_REACH: usize = 2;
+pub(super) const PENUMBRA_REACH: usize = 2;
 
 impl<'a, A: CameraMedia> Corners<'a, A> {
     /// Shadow rays of a corner in a penumbra.
     const PENUMBRA_RAYS: u8 = 4;
-    /// The first row and column of corners that may be in a penumbra: those of the first ring.
-    const FIRST_IN_PENUMBRA: usize = Self::RINGS as usize - 1;
 
     /// More shadow rays at the corners from which, or from near which, some ray reached a light and
     /// some did not.
     pub(super) fn look_into_penumbrae(&mut self) {
-        let rim = Self::FIRST_IN_PENUMBRA;
+        let rim = (self.rings - Self::RINGS_OF_PENUMBRAE) as usize;
+        let mut has_penumbra = false;
         let visibilities = self.visibility_in_rows();
         // Of the even corner of each four, once it is asked for.
         let mut unshadowed = Vec::new();
@@ -35,6 +33,7 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
                 if !visibility.has_penumbra() {
                     continue;
                 }
+                has_penumbra = true;
                 if let Some(direct) = self.more_rays(row, column, &mut unshadowed) {
                     let i = self.index(row, column);
                     let known = &mut self.corners[i].sample.direct;
@@ -52,6 +51,9 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
                 .all(|ratio| ratio.shadowed == ratio.unshadowed)
         };
         self.is_full_light = self.corners.iter().map(is_full).collect();
+        if has_penumbra {
+            self.squares = self.sum_squares();
+        }
     }
 
     /// What the rays so far of each corner and of those near it in its row tell.
@@ -82,7 +84,7 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         let at = |row: usize, column: usize| &self.corners[self.index(row, column)].sample;
         let sample = at(row, column);
         let surface = sample.lit_surface()?;
-        let place = Self::place(self.region, column, row);
+        let place = Self::place(self.region, self.rings, column, row);
         let rays = place.rays(self.shader, 1, Self::PENUMBRA_RAYS - 1);
         let even = at(row - row % 2, column - column % 2);
         let is_alike = is_similar(
@@ -107,7 +109,7 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
     pub(super) fn lit<'c>(
         &self,
         first: usize,
-        like: &Sample<A::Passed>,
+        like: &Corner<A::Passed>,
         at: impl Fn(usize, usize) -> &'c Corner<A::Passed>,
     ) -> LightAtPixel {
         let is_full_row = |row: usize| {
@@ -125,11 +127,15 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
         for row in 0..4 {
             for column in 0..4 {
                 let sample = &at(column, row).sample;
-                if self.shader.same_end(like, sample) {
+                if self.shader.same_end(&like.sample, sample) {
                     around.add(row, column, &sample.direct);
                 }
             }
         }
-        around.lit()
+        around.lit(|| {
+            let squares = self.squares_around(first);
+            self.is_like_squares(like, squares)
+                .then(|| [self.squares.of_lamps(squares), self.squares.of_sky(squares)])
+        })
     }
 }
