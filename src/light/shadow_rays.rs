@@ -82,12 +82,11 @@ impl ShadowRays {
                 let cell = (u32::from(cell) + 4 * ray) % 16;
                 let part = cell * per_ray + i % per_ray;
                 let [u, v] = unit2(hash(&[seed, 63, u64::from(first), u64::from(i)]));
-                // The second number by a Hammersley set over the cells.
-                let across = (cell.reverse_bits() >> 28) as f32;
-                [
-                    (part as f32 + u) / (16 * per_ray) as f32,
-                    (across + v) * (1.0 / 16.0),
-                ]
+                // The second number by a Hammersley set over the cells. The rays that share a cell, and
+                // so an emitter, lie in its four quarters.
+                let across = (cell.reverse_bits() >> 28) as f32 * (1.0 / 16.0);
+                let v = across + 0.25 * (ray as f32 + v);
+                [(part as f32 + u) / (16 * per_ray) as f32, v.fract()]
             }
         }
     }
