@@ -20,6 +20,11 @@ impl<T> BrickTable<T> {
         }
     }
 
+    /// Those of all bricks.
+    pub fn values(&self) -> impl Iterator<Item = &T> {
+        self.values.iter()
+    }
+
     /// The value of a brick.
     #[inline]
     pub fn of(&self, [x, y, z]: [usize; 3]) -> &T {

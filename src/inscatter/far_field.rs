@@ -275,6 +275,38 @@ impl FarField {
         Some(sum * (1.0 / count as f32))
     }
 
+    /// Mean over the sphere of the radiance at places in a medium, given by `place(i)` in index and
+    /// scene space for each number below that of quarters: along each direction from another one.
+    /// `None` if surfaces are too near for probes.
+    pub fn seen<G: GatherInMedia>(
+        &self,
+        volume: &Volume,
+        gatherer: &G,
+        place: impl Fn(u32) -> (Vec3, Vec3),
+        key: u64,
+        counters: &Counters,
+    ) -> Option<Rgb> {
+        /// Steps from the place of one direction to that of the next.
+        const STEP: u32 = 7;
+        let (mut sum, mut passed) = (Rgb::BLACK, 0);
+        let count = self.quarters();
+        for q in 0..count {
+            let (in_index, point) = place((q * STEP + (key % u64::from(count)) as u32) % count);
+            let around = self.around(volume, gatherer, in_index)?;
+            let mut light = Composite::<G::Share>::default();
+            let ray = Ray::new(point, self.direction(q), around.distance(q));
+            gatherer.walk(&ray, &mut |s| {
+                passed += 1;
+                light.medium(s.tau, s.source);
+                !light.is_opaque()
+            });
+            light.surface(1.0, around.radiance(q));
+            sum += light.radiance;
+        }
+        counts::add(&counters.lvoxels, passed);
+        Some(sum * (1.0 / count as f32))
+    }
+
     /// A point of the unit square inside a cell.
     fn within(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         [

@@ -52,6 +52,19 @@ const OPAQUE: f32 = 1e-3;
 const STRETCH_DEPTH: f32 = 0.2;
 /// The most that is lit as one.
 const MAX_STRETCH_DEPTH: f32 = 0.7;
+/// The same at fronts, where each part is lit at points of its own.
+const FRONT_STRETCH_DEPTH: f32 = 0.5;
+const MAX_FRONT_STRETCH_DEPTH: f32 = 2.0;
+
+/// Optical depth of a cell that is lit in pieces, and of a row of cells that is lit as one at most,
+/// where this share of the light is seen.
+#[inline]
+fn stretch_depths(is_front: bool, seen: f32) -> [f32; 2] {
+    match is_front {
+        true => [(FRONT_STRETCH_DEPTH / seen).min(MAX_FRONT_STRETCH_DEPTH); 2],
+        false => [STRETCH_DEPTH, (STRETCH_DEPTH / seen).min(MAX_STRETCH_DEPTH)],
+    }
+}
 
 impl<G: GatherInMedia> InScatter<'_, G> {
     /// Passes a ray from the camera.
@@ -100,7 +113,9 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             }
             let through = camera_ray.passed.transmittance;
             let of_seen = SeenChannels::new(through, &color).extinction;
-            if cell.tau * of_seen > STRETCH_DEPTH {
+            let front = self.front_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
+            let [deepest, depth] = stretch_depths(front.is_some(), seen);
+            if cell.tau * of_seen > deepest {
                 if let Some(stretch) = open.take() {
                     camera_ray.add_stretch(stretch);
                 }
@@ -108,16 +123,16 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 return true;
             }
             if let Some(stretch) = open.as_mut() {
-                let depth = STRETCH_DEPTH / seen;
-                let fits = (stretch.tau + cell.tau) * of_seen <= depth.min(MAX_STRETCH_DEPTH)
-                    && cell.far - stretch.near <= most;
+                let fits =
+                    (stretch.tau + cell.tau) * of_seen <= depth && cell.far - stretch.near <= most;
                 if fits {
                     stretch.add(cell);
                     return true;
                 }
                 camera_ray.add_stretch(*stretch);
             }
-            most = self.least_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
+            let least = || self.least_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
+            most = front.unwrap_or_else(least);
             let mut stretch = Stretch {
                 near: cell.near,
                 far: cell.near,

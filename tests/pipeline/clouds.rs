@@ -2,8 +2,10 @@
 
 use crate::{Work, beauty, mean, relative_rms, with_threads};
 use glam::{DAffine3, DVec3};
+use lvox::formats::Overwrite;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
+use lvox::scatter;
 use lvox::scene::{CameraInput, Film, Grid, LightInput, Scene, SceneBuilder, VolumeInput};
 use lvox::shade::{self, Settings};
 use lvox::tree::OpenTree;
@@ -89,7 +91,8 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
 /// part is shaded, on however many threads.
 #[test]
 fn a_part_of_a_cloud_has_the_bits_of_the_whole() {
-    for scene in [cloud(128), colored_cloud(128, 12.0, COLOR)] {
+    let opaque = colored_cloud(128, OPAQUE, [1.0; 3]);
+    for scene in [cloud(128), colored_cloud(128, 12.0, COLOR), opaque] {
         check_part(&scene);
     }
 }
@@ -110,6 +113,43 @@ fn check_part(scene: &Scene) {
         let (x, y) = (20 + i % 23, 11 + i / 23);
         assert_eq!(*pixel, whole[y * 64 + x], "{x} {y}");
     }
+}
+
+/// Extinction of a cloud whose densest voxels of 128 along an edge have a depth of 2.5.
+const OPAQUE: f32 = 160.0;
+
+/// Where single voxels are opaque and smaller than pixels, light is found at few points of what the
+/// camera sees, and is that of vertices as close as voxels.
+#[test]
+fn opaque_voxels_smaller_than_pixels_are_lit_at_few_points_as_they_are_at_many() {
+    let scene = colored_cloud(128, OPAQUE, [1.0; 3]);
+    let work = Work::new("");
+    let baked = work.bake(&scene, 1);
+    let tree = OpenTree::open(&baked, None).unwrap();
+    let (few, counts) = shaded(&scene, &tree, Region::full(64, 48));
+    let path = work.path("all.lvs");
+    let (settings, job) = (scatter::Settings::default(), Job::default());
+    scatter::run(&scene, &tree, &path, &settings, Overwrite::Replace, &job).unwrap();
+    let tree = tree.with_scatter(&path).unwrap();
+    let (all, _) = shaded(&scene, &tree, Region::full(64, 48));
+    let (few, all) = (beauty(&few), beauty(&all));
+    let brighter = mean(&few) / mean(&all) - 1.0;
+    let difference = relative_rms(&few, &all);
+    assert!(
+        brighter.abs() < 0.01 && difference < 0.04,
+        "{brighter} {difference}"
+    );
+    let of_pixels = |name: &str| counts[name] / f64::from(64 * 48);
+    let [lit, gathered, swept] = [
+        "media_points_lit",
+        "media_points_gathered",
+        "media_vertices_swept",
+    ]
+    .map(of_pixels);
+    assert!(
+        lit < 12.0 && gathered < 3.0 && swept < 0.5,
+        "{lit} {gathered} {swept}"
+    );
 }
 
 /// Extinction by channel of a cloud that stops red most.

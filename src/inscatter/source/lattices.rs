@@ -1,5 +1,6 @@
 //! The lattices of one volume, before any ray asks for their light.
 
+use super::front::SeenFront;
 use crate::Result;
 use crate::inscatter::counts::Counters;
 use crate::inscatter::density::Densities;
@@ -28,6 +29,8 @@ pub(super) struct VolumeLattices<'a> {
     pub scattered: Option<ScatteredLight<'a>>,
     /// By log2 of the voxels between vertices.
     pub indirect: [Vertices<Rgb>; SWEPT_LEVELS],
+    /// At fronts, by log2 of the voxels between vertices.
+    pub seen_fronts: [Vertices<SeenFront>; DIRECT_LEVELS],
     pub far_field: FarField,
     pub sweep: Option<Sweep>,
     /// What lvoxels send each other, if that is known.
@@ -38,6 +41,8 @@ pub(super) struct VolumeLattices<'a> {
     /// Spacings that the camera needs, of direct and of indirect light.
     pub least_direct: LeastSpacing,
     pub least_indirect: LeastSpacing,
+    /// Spacings at fronts of what is opaque within few voxels; 0 elsewhere.
+    pub fronts: LeastSpacing,
     /// Longest edge of a voxel, scene units.
     pub voxel: f32,
     /// Whether the camera tells no single voxel of a lone medium.
@@ -100,7 +105,15 @@ impl<'a> VolumeLattices<'a> {
             |depth| LeastSpacing::new(view, visible, volume, &densities, depth, DIRECT_LEVELS - 1);
         let least_direct = least(MAX_DIRECT_DEPTH);
         let least_indirect = least(MAX_INDIRECT_DEPTH);
+        // Vertices that were lit beforehand stand as close there as elsewhere.
+        let fronts = match light.scattered {
+            None => LeastSpacing::of_fronts(view, visible, volume, &densities, DIRECT_LEVELS - 1),
+            Some(_) => LeastSpacing::none(),
+        };
         let depth_of = |brick, own| {
+            if fronts.of(brick) > 0 {
+                return f32::INFINITY;
+            }
             let all = densities.of_all(brick, own);
             densities.of(brick).max(SHARED_DEPTH * all) * voxel
         };
@@ -137,6 +150,7 @@ impl<'a> VolumeLattices<'a> {
             direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
             scattered,
             indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+            seen_fronts: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
             far_field,
             sweep,
             lvoxels,
@@ -144,6 +158,7 @@ impl<'a> VolumeLattices<'a> {
             densities,
             least_direct,
             least_indirect,
+            fronts,
             voxel,
             shows_light_alone: is_alone && view.shows_no_voxels(visible, volume),
         })

@@ -10,6 +10,7 @@
 //! like any other: leaving them dark would darken its rim.
 
 mod every_vertex;
+mod front;
 mod lattices;
 
 pub use every_vertex::VolumeLight;
@@ -34,6 +35,7 @@ use crate::run::Job;
 use crate::run::walked::note_asked;
 use crate::scene::Volume;
 use crate::view::{View, VisibleMedia};
+use front::SeenFront;
 use glam::Vec3;
 use lattices::VolumeLattices;
 use wide::f32x4;
@@ -218,6 +220,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             finest: least.min(level),
             finest_indirect: self.lattices[volume].least_indirect.at(at),
             voxel_depth: seen_depth * voxel / (to - from).length(),
+            front: self.lattices[volume].fronts.at(at),
             seen: self.seen(volume, point),
         };
         medium.albedo_at(at) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
@@ -245,6 +248,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                 exp_neg(depth * median) / mean_through
             });
             return through.filter(light.share * unshadowed(from, to)) + light.rest;
+        }
+        if segment.front > 0 {
+            return self.direct_of_points(segment, self.lights, Some(&self.suns));
         }
         let vertex = |level: usize, v: [usize; 3]| {
             let lit = lattices
@@ -296,16 +302,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let light = self.lit(self.lights, point, rays, Some(&self.suns), seen);
             return light.share * unshadowed(from, to) + light.rest;
         }
-        // Two points (Gauss-Legendre) of what the camera sees: light is not linear along a dense
-        // segment.
-        let mut sum = Rgb::BLACK;
-        for share in [0.211_324_87, 0.788_675_1] {
-            let point = segment.at_share(share);
-            let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
-            let light = self.lit(&self.sharp_lights, point, rays, None, segment.seen);
-            sum += (light.share * unshadowed(point, point) + light.rest) * 0.5;
-        }
-        sum
+        self.direct_of_points(segment, &self.sharp_lights, None)
     }
 
     /// Whether both parts of direct light differ so much between vertices that finer ones tell
@@ -361,7 +358,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             return Rgb::BLACK;
         };
         let lattices = &self.lattices[segment.volume];
-        if !segment.is_thin && segment.voxel_depth > Self::DENSE_CELL_DEPTH {
+        let is_front = segment.front > 0 && lattices.lvoxels.is_none();
+        if !(segment.is_thin || is_front) && segment.voxel_depth > Self::DENSE_CELL_DEPTH {
             // Any point of the segment, as often as the camera sees it: light is not linear along
             // it.
             let seed = self.seed_of(segment.point);
@@ -382,6 +380,9 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
 
     /// Gathered light, interpolated where its vertices allow that.
     fn gathered_between(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
+        if let Some(light) = self.front(segment, memo) {
+            return light;
+        }
         let lattices = &self.lattices[segment.volume];
         let vertex = |level: usize, v: [usize; 3]| {
             note_asked(true);
@@ -554,6 +555,8 @@ pub struct RayMemo {
     direct: [CellCache<usize, LightVectors>; DIRECT_LEVELS],
     /// By volume, and whether they are swept.
     indirect: [CellCache<(usize, bool), f32x4>; SWEPT_LEVELS],
+    /// By volume and level.
+    fronts: CellCache<(usize, usize), SeenFront>,
     /// Of the only volume that has such light.
     lvoxels: LvoxelMemo,
 }
@@ -582,6 +585,8 @@ struct RaySegment<K> {
     /// The finest that the camera needs of direct light, and of indirect light.
     finest: usize,
     finest_indirect: usize,
+    /// The lattice of the front that it is in; 0 if it is in none.
+    front: usize,
 }
 
 fn with_luminance(light: Rgb) -> f32x4 {

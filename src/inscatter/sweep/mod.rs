@@ -116,7 +116,7 @@ impl Sweep {
 
     /// Sweeps the bricks of a volume that matter, but those where a single voxel is too deep;
     /// `depth_of(brick, own)` is the optical depth that counts for one, other media considered,
-    /// given the largest extinction of this one.
+    /// given the largest extinction of this one; infinite where nothing is to be swept.
     ///
     /// # Errors
     /// If cancelled, or if that takes more than the memory limit by itself.
@@ -216,6 +216,9 @@ impl Sweep {
     /// Log2 of the voxels between the vertices of a brick whose densest voxel has this optical
     /// depth, and whose vertices are to be so far apart at least; `None` if it is too deep.
     fn level(depth: f32, least: usize) -> Option<usize> {
+        if depth.is_infinite() {
+            return None;
+        }
         let fits = |&l: &usize| {
             let most = if l == 0 {
                 Self::MAX_VOXEL_DEPTH
