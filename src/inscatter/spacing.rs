@@ -3,6 +3,7 @@
 
 use super::bricks::BrickTable;
 use super::density::Densities;
+use super::direct::DIRECT_LEVELS;
 use crate::math::unflatten;
 use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
@@ -18,6 +19,8 @@ impl LeastSpacing {
     const PIXELS: f32 = 2.0;
     /// Optical depth of a voxel from which on a brick has a front: a few of them hide the rest.
     const FRONT_DEPTH: f32 = 0.7;
+    /// Gather rays of a vertex with which two pixels are close enough at a front.
+    const FRONT_SAMPLES: f32 = 6.0;
     /// The least spacing at a front: where pixels ask for finer ones, vertices are few enough.
     const LEAST_FRONT: u8 = 2;
 
@@ -48,13 +51,14 @@ impl LeastSpacing {
     }
 
     /// Spacings for a camera by pixels alone, in bricks so deep that it sees no more than their
-    /// fronts, and around those, where pixels are wider than voxels; 0 elsewhere.
+    /// fronts, and around those, where pixels are wider than voxels; 0 elsewhere. More gather rays of
+    /// a vertex ask for vertices that are as much closer.
     pub fn of_fronts(
         view: &View,
         visible: VisibleMedia,
         volume: &Volume,
         densities: &Densities,
-        coarsest: usize,
+        samples: u32,
     ) -> Self {
         if let VisibleMedia::All = visible {
             return Self::none();
@@ -62,6 +66,7 @@ impl LeastSpacing {
         let grid = &volume.sigma_t;
         let voxel = volume.longest_voxel_edge();
         let dims = grid.brick_dims();
+        let closer = (Self::FRONT_SAMPLES / samples as f32).sqrt().min(1.0);
         let is_deep = |b: [usize; 3]| densities.of(b) * voxel >= Self::FRONT_DEPTH;
         // With the rim around: few vertices would be swept there, by rays through all of the volume.
         let is_near = |b: [usize; 3]| {
@@ -73,7 +78,7 @@ impl LeastSpacing {
         };
         let least = |b: [usize; 3]| {
             let level = match is_near(b) {
-                true => coarsest_of(coarsest, Self::voxels(view, volume, b)),
+                true => coarsest_of(DIRECT_LEVELS - 1, closer * Self::voxels(view, volume, b)),
                 false => 0,
             };
             if level < Self::LEAST_FRONT { 0 } else { level }

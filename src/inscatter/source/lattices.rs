@@ -107,7 +107,7 @@ impl<'a> VolumeLattices<'a> {
         let least_indirect = least(MAX_INDIRECT_DEPTH);
         // Vertices that were lit beforehand stand as close there as elsewhere.
         let fronts = match light.scattered {
-            None => LeastSpacing::of_fronts(view, visible, volume, &densities, DIRECT_LEVELS - 1),
+            None => LeastSpacing::of_fronts(view, visible, volume, &densities, volume_samples),
             Some(_) => LeastSpacing::none(),
         };
         let depth_of = |brick, own| {
