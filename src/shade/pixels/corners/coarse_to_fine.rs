@@ -8,23 +8,38 @@ use std::ops::Range;
 pub(super) struct CornerVisit {
     /// Which of the block's corners it is.
     pub index: usize,
-    /// Film coordinates moved so far that none is negative.
-    pub moved: [u32; 2],
+    /// Film coordinates, or 0 where one is negative.
+    pub film: [u32; 2],
     /// Where others came before it: in which of its coordinates it lies between them, and how far
     /// away they are.
     pub between: Option<([bool; 2], usize)>,
 }
 
+/// Which corners are visited first.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FirstCorners {
+    /// Corners from one to the next: a power of two, at most 8.
+    pub spacing: usize,
+    /// Film coordinate of one.
+    pub origin: u32,
+}
+
 impl<A: CameraMedia> Corners<'_, A> {
-    /// Visits the corners inside a rim, and around them what those between need: first those that
-    /// are `spacing` apart, a power of two, then those half as far apart, down to all.
+    /// By how much film coordinates are moved so that none is negative: more than there are rings
+    /// or one that comes first may be past 0, and a multiple of all spacings.
+    const MOVED: u32 = 8;
+
+    /// Visits the corners inside a rim, and around them what those between need: first some, then
+    /// those half as far apart, down to all.
     pub(super) fn coarse_to_fine(
         &mut self,
         rim: usize,
-        spacing: usize,
+        first: FirstCorners,
         mut visit: impl FnMut(&mut Self, CornerVisit),
     ) {
-        let [x0, y0] = [self.region.x0, self.region.y0].map(|c| c as usize);
+        let FirstCorners { spacing, origin } = first;
+        let moved = Self::MOVED - origin;
+        let [x0, y0] = [self.region.x0, self.region.y0].map(|c| (c + moved - self.rings) as usize);
         let mut step = spacing;
         while step > 0 {
             let is_first = step == spacing;
@@ -43,7 +58,7 @@ impl<A: CameraMedia> Corners<'_, A> {
                     let is_between = [column_is_between, row_is_between];
                     let at = CornerVisit {
                         index: self.index(row, column),
-                        moved: [x0 + column, y0 + row].map(|c| c as u32),
+                        film: [x0 + column, y0 + row].map(|c| (c as u32).saturating_sub(moved)),
                         between: (!is_first).then_some((is_between, step)),
                     };
                     visit(self, at);

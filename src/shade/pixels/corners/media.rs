@@ -1,5 +1,6 @@
 //! The media before corners, marched at some of them where those between are alike.
 
+use super::coarse_to_fine::FirstCorners;
 use super::{Corner, Corners};
 use crate::math::{Aabb, Rgb, Spectrum};
 use crate::scene::{Light, Volume};
@@ -24,8 +25,11 @@ impl<A: CameraMedia> Corners<'_, A> {
     pub(super) fn pass_media(&mut self) {
         // A pixel needs the ring around its own corners.
         let rim = self.rings as usize - 1;
-        let spacing = Self::marched_spacing(&self.shader.view);
-        self.coarse_to_fine(rim, spacing, |corners, visit| {
+        let first = FirstCorners {
+            spacing: Self::marched_spacing(&self.shader.view),
+            origin: 0,
+        };
+        self.coarse_to_fine(rim, first, |corners, visit| {
             let i = visit.index;
             let between = (visit.between).and_then(|(is, step)| corners.media_between(i, is, step));
             let march = || corners.shader.march(&corners.corners[i].sample);

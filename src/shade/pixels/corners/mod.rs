@@ -23,6 +23,7 @@ use crate::light::{ShadowRays, Visibility};
 use crate::math::sampling;
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::surfaces::WithSky;
+use coarse_to_fine::FirstCorners;
 pub use lit::{LitCorner, LitEnd};
 use penumbra::LightAtPixel;
 use sampler::Sampler;
@@ -154,19 +155,23 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
     fn look_around(&mut self) {
         // It is looked up some corners apart, then at those between which do not lie on one piece
         // of surface with their neighbours.
-        let spacing = if self.shader.lattice.step() < Self::COARSE_LATTICE_STEP {
-            2
-        } else {
-            4
+        let first = FirstCorners {
+            spacing: if self.shader.lattice.step() < Self::COARSE_LATTICE_STEP {
+                2
+            } else {
+                4
+            },
+            // Between gathers: `curved` has 4 % less error so than at them.
+            origin: u32::from(A::Passed::IS_VACUUM),
         };
-        self.coarse_to_fine(self.rings as usize, spacing, |corners, visit| {
+        self.coarse_to_fine(self.rings as usize, first, |corners, visit| {
             let i = visit.index;
             let Some(surface) = corners.corners[i].sample.surface else {
                 return;
             };
             let between = (visit.between).and_then(|(is, step)| corners.between(i, is, step));
             // Rings before the film's own corners are as good as its first row for a key.
-            let [x, y] = visit.moved.map(|v| v.saturating_sub(corners.rings));
+            let [x, y] = visit.film;
             corners.corners[i].irradiance =
                 between.unwrap_or_else(|| corners.shader.indirect(&surface, x, y));
         });

@@ -74,14 +74,14 @@ impl NearbyRays {
 pub(super) struct Squares(pub [ShadowRatio; 4]);
 
 impl Squares {
-    /// Share of all by which two halves may differ: what rises as a square from the foot of a penumbra
-    /// is off by a hundredth then.
+    /// By how much two halves may differ, over the share that arrives: what rises as a square from the
+    /// foot of a penumbra is off by a hundredth then.
     const MAX_RISE: f32 = 0.35;
-    /// The same in all, for the bend at the end of a penumbra.
-    const MAX_DIFFERENCE: f32 = 0.2;
+    /// The same of all light, for the bend at the end of a penumbra.
+    const MAX_DIFFERENCE: f32 = 0.1;
     /// By how much, times the deviation of single rays, the mean may differ from that of the 4 x 4
-    /// corners in the middle: three times the noise of those.
-    const MAX_BEND: f32 = 0.12;
+    /// corners in the middle: about one and a half times the noise of those.
+    const MAX_BEND: f32 = 0.06;
 
     /// What arrived along all of them, if the penumbra is as wide as that beside what `narrow` tells.
     fn wide(&self, narrow: ShadowRatio) -> Option<ShadowRatio> {
