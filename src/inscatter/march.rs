@@ -46,7 +46,7 @@ struct CameraRay<'a, 'b, G: GatherInMedia> {
 
 /// Transmittance below which what follows counts as bright as what was last seen: it sends no more
 /// than this share of its radiance.
-const OPAQUE: f32 = 1e-3;
+pub const OPAQUE: f32 = 1e-3;
 /// Optical depth of cells that are lit as one, at most, where all of it is seen; what is seen by a
 /// share may be deeper.
 const STRETCH_DEPTH: f32 = 0.2;

@@ -79,8 +79,7 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
     }
     let lit = many_counts["media_points_lit"] / f64::from(64 * 48);
     assert!(lit < 12.0, "{lit} points lit a pixel");
-    let brighter = mean(&many) / mean(&few) - 1.0;
-    let difference = relative_rms(&many, &few);
+    let (brighter, difference) = apart(&many, &few);
     assert!(
         brighter.abs() < 0.01 && difference < 0.03,
         "{brighter} {difference}"
@@ -115,6 +114,12 @@ fn check_part(scene: &Scene) {
     }
 }
 
+/// By how much pixels are brighter than others on the mean, and how far they are from them.
+fn apart(found: &[[f32; 3]], expected: &[[f32; 3]]) -> (f64, f64) {
+    let brighter = mean(found) / mean(expected) - 1.0;
+    (brighter, relative_rms(found, expected))
+}
+
 /// Extinction of a cloud whose densest voxels of 128 along an edge have a depth of 2.5.
 const OPAQUE: f32 = 160.0;
 
@@ -132,9 +137,7 @@ fn opaque_voxels_smaller_than_pixels_are_lit_at_few_points_as_they_are_at_many()
     scatter::run(&scene, &tree, &path, &settings, Overwrite::Replace, &job).unwrap();
     let tree = tree.with_scatter(&path).unwrap();
     let (all, _) = shaded(&scene, &tree, Region::full(64, 48));
-    let (few, all) = (beauty(&few), beauty(&all));
-    let brighter = mean(&few) / mean(&all) - 1.0;
-    let difference = relative_rms(&few, &all);
+    let (brighter, difference) = apart(&beauty(&few), &beauty(&all));
     assert!(
         brighter.abs() < 0.01 && difference < 0.04,
         "{brighter} {difference}"
@@ -176,8 +179,7 @@ fn a_cloud_of_colour_is_swept_to_the_channels_of_grey_ones() {
         }
         let channel = |pixels: &[[f32; 3]]| pixels.iter().map(|p| [p[c]; 3]).collect::<Vec<_>>();
         let (found, expected) = (channel(&colored), channel(&grey));
-        let brighter = mean(&found) / mean(&expected) - 1.0;
-        let difference = relative_rms(&found, &expected);
+        let (brighter, difference) = apart(&found, &expected);
         assert!(
             brighter.abs() < 0.005 && difference < 0.03,
             "{c}: {brighter} {difference}"

@@ -9,6 +9,7 @@
 use super::{InScatter, RayMemo, RaySegment};
 use crate::inscatter::counts;
 use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::march::OPAQUE;
 use crate::inscatter::vertices::blend;
 use crate::light::{Lights, SceneMedia, SunDepths};
 use crate::math::exp::one_minus_exp_neg;
@@ -40,8 +41,6 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     const FRONT_RAYS: u32 = 4;
     /// Points of a vertex that gather where no probes tell what is around them.
     const FRONT_POINTS: u32 = 4;
-    /// Transmittance behind which the camera sees nothing.
-    const FRONT_OPAQUE: f32 = 1e-3;
 
     /// Scene units between vertices of the front that a point is in; `None` if it is in none.
     #[inline]
@@ -179,7 +178,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 });
             }
             through = through.times(of_part);
-            through.most() >= Self::FRONT_OPAQUE
+            through.most() >= OPAQUE
         });
     }
 }
