@@ -61,24 +61,17 @@ impl<F: Format> Opened<MappedFile, F> {
         Ok(opened)
     }
 
-    /// Gives the memory of some blocks back to the system.
+    /// Gives the memory of some blocks back to the system, with what the system read around them.
     pub(crate) fn release(&self, blocks: &[Block]) {
-        let start = blocks.iter().map(|b| b.offset).min().unwrap_or(0);
-        let end = blocks.iter().map(|b| b.offset + u64::from(b.stored_bytes));
-        self.data
-            .release(start as usize..end.max().unwrap_or(0) as usize);
-    }
-
-    /// Gives the memory of a block back to the system, with what the system read around it.
-    pub(crate) fn release_around(&self, block: &Block) {
         /// Linux maps no more around a byte that is read, by its address, but as much where it has
         /// the file in pieces as large.
         const AROUND: usize = 2 << 20;
+        let start = blocks.iter().map(|b| b.offset).min().unwrap_or(0);
+        let end = blocks.iter().map(|b| b.offset + u64::from(b.stored_bytes));
         let map = self.data.as_ref().as_ptr().addr();
-        let start = map + block.offset as usize;
-        let end = (start + block.stored_bytes as usize).next_multiple_of(AROUND);
-        let start = (start / AROUND * AROUND).max(map);
-        self.data.release(start - map..end - map);
+        let start = (map + start as usize) / AROUND * AROUND;
+        let end = (map + end.max().unwrap_or(0) as usize).next_multiple_of(AROUND);
+        self.data.release(start.max(map) - map..end - map);
     }
 
     /// Gives the memory of the whole file back to the system; what is read of it later comes from

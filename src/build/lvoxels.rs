@@ -13,7 +13,7 @@ use std::collections::{BinaryHeap, VecDeque};
 /// Per lvoxel that is sorted: the record, and its key with some room.
 pub const LVOXEL_MEMORY: u64 = size_of::<Lvoxel>() as u64 + 32;
 /// Bytes of an lvoxel in a page before compression, about.
-const LVOXEL_PAGE_BYTES: u32 = 16;
+pub const LVOXEL_PAGE_BYTES: u32 = 16;
 /// Full pages that are encoded together: some for each of many threads, in a few megabytes.
 const PAGES_AT_A_TIME: usize = 32;
 

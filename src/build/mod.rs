@@ -25,7 +25,7 @@ mod spill;
 mod subtree;
 
 use crate::formats::{
-    CHUNK_RECORDS, Cloud, MappedFile, Overwrite, Tree, TreeMeta, TreeSummary, TreeWriter,
+    CHUNK_RECORDS, Cloud, MappedFile, Overwrite, Sums, Tree, TreeMeta, TreeSummary, TreeWriter,
 };
 use crate::run::{Job, size};
 use crate::{Error, Result};
@@ -76,6 +76,10 @@ pub const DEFAULT_MEMORY: u64 = 4 << 30;
 const FIXED_MEMORY: u64 = 28 << 20;
 /// Per surfel of a bucket: the record, its sort key, its share of pages and nodes in work.
 const SURFEL_MEMORY: u64 = 192;
+/// Per page that was written, until all are.
+const PAGE_MEMORY: u64 = 40;
+/// Bytes of a surfel and its share of nodes in a page before compression, at most.
+const SURFEL_PAGE_BYTES: u64 = 100;
 
 /// Builds the tree of a cloud.
 ///
@@ -157,8 +161,8 @@ fn build(
     overwrite: Overwrite,
     job: &Job,
 ) -> Result<Outcome> {
-    let limits = Limits::new(settings, job)?;
     let cloud = Cloud::open_path(cloud_path)?;
+    let limits = Limits::new(settings, &[&cloud], job)?;
     if let Some((index, count)) = join::part(cloud.meta())? {
         return Err(Error::input(format!(
             "{}: expected a whole cloud, found part {index} of {count}",
@@ -228,7 +232,14 @@ struct Limits {
     lvoxels: u64,
 }
 
-/// Checks that a tree can be built within a limit of memory, before any work for it.
+/// Bytes of memory for what is known of the pages of a tree, at most.
+fn table_memory(sums: &Sums, page_bytes: u32) -> u64 {
+    let bytes =
+        sums.surfels * SURFEL_PAGE_BYTES + sums.lvoxels() * u64::from(lvoxels::LVOXEL_PAGE_BYTES);
+    bytes / u64::from(page_bytes) * PAGE_MEMORY
+}
+
+/// Checks that a tree can be built within a limit of memory, before there is a cloud.
 ///
 /// # Errors
 /// A limit below [`MIN_MEMORY`].
@@ -237,16 +248,21 @@ pub fn check_memory(limit: Option<u64>) -> Result<()> {
 }
 
 impl Limits {
-    fn new(settings: &Settings, job: &Job) -> Result<Self> {
+    /// For all of these clouds together.
+    fn new(settings: &Settings, clouds: &[&MappedCloud], job: &Job) -> Result<Self> {
         if !(4096..=262_144).contains(&settings.page_bytes) {
             return Err(Error::input(format!(
                 "page size: expected 4096 to 262144 bytes, found {}",
                 settings.page_bytes
             )));
         }
-        let memory = job.memory_limit.unwrap_or(DEFAULT_MEMORY);
-        check_memory(job.memory_limit)?;
-        let free = memory - FIXED_MEMORY;
+        let sums = clouds.iter().map(|c| &c.summary().sums);
+        let table: u64 = sums.map(|s| table_memory(s, settings.page_bytes)).sum();
+        // As much for surfels as for pages, at least.
+        let least = MIN_MEMORY.max(FIXED_MEMORY + 2 * table);
+        size::within("building a tree of this cloud", least, job.memory_limit)?;
+        let memory = job.memory_limit.unwrap_or(DEFAULT_MEMORY.max(least));
+        let free = memory - FIXED_MEMORY - table;
         let most = settings.bucket_surfels.unwrap_or(u64::MAX).max(64);
         let room = (free / 3 / CHUNK_MEMORY) as usize;
         let chunks = room.clamp(1, rayon::current_num_threads());

@@ -53,12 +53,13 @@ impl fmt::Display for Plan {
 /// # Errors
 /// As [`super::run`], but for what concerns the tree's file.
 pub fn plan(clouds: &[PathBuf], settings: &Settings, job: &Job) -> Result<Plan> {
-    let limits = Limits::new(settings, job)?;
     let opened = clouds
         .iter()
         .map(|path| Ok(Cloud::open_path(path)?))
         .collect::<Result<Vec<_>>>()?;
-    let mut plan = of_clouds(&opened.iter().collect::<Vec<_>>(), settings, &limits, job)?;
+    let opened: Vec<_> = opened.iter().collect();
+    let limits = Limits::new(settings, &opened, job)?;
+    let mut plan = of_clouds(&opened, settings, &limits, job)?;
     if clouds.len() > 1 {
         // Parts are joined in a temporary file.
         let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |m| m.len());
@@ -117,7 +118,8 @@ fn of_clouds(
     }
     let surfels = plan.surfels.min(limits.surfels) as f64 * SURFEL_BYTES;
     let lvoxels = plan.lvoxels.min(limits.lvoxels) * lvoxels::LVOXEL_MEMORY;
-    plan.memory_bytes = FIXED_MEMORY + lvoxels.max(surfels as u64);
+    let tables = sums().map(|s| super::table_memory(s, settings.page_bytes));
+    plan.memory_bytes = FIXED_MEMORY + tables.sum::<u64>() + lvoxels.max(surfels as u64);
     Ok(plan)
 }
 

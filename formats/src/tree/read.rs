@@ -121,7 +121,7 @@ impl Tree<MappedFile> {
     /// next read.
     pub fn release_surfel_page(&self, i: usize) {
         if let Some(block) = self.surfel_blocks().get(i) {
-            self.release_around(block);
+            self.release(std::slice::from_ref(block));
         }
     }
 }
