@@ -91,6 +91,8 @@ pub struct Gathered {
     /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if
     /// nothing was.
     pub harmonic_distance: f32,
+    /// Mean of the directions of rays, each over the distance of what it met: points to what is near.
+    pub toward: Vec3,
 }
 
 /// The light that arrives along one ray.
@@ -108,6 +110,8 @@ pub struct Incident {
     pub inverse_distance: f32,
     /// Share of what that surface sends that arrives: what is left by all before it.
     pub arriving: f32,
+    /// Direction in which the ray looks.
+    pub direction: Vec3,
 }
 
 /// Gathers from the pages of a tree, of one type, with one type of media; [`super::PointGatherer`] hides
@@ -147,6 +151,7 @@ pub(super) struct IncidentSum {
     light: Rgb,
     environment: Rgb,
     inverse_distance: f32,
+    toward: Vec3,
     /// What an environment that differs by direction would send along rays, and how many these are.
     unhidden: Rgb,
     rays: u32,
@@ -157,6 +162,7 @@ impl IncidentSum {
         self.light += seen.radiance;
         self.environment += seen.environment;
         self.inverse_distance += seen.inverse_distance;
+        self.toward += seen.direction * seen.inverse_distance;
     }
 
     /// Adds what an environment would send along a ray if nothing were before it.
@@ -196,6 +202,7 @@ impl IncidentSum {
             light: self.light * (1.0 / n),
             environment: self.environment * (1.0 / n),
             harmonic_distance: n / self.inverse_distance,
+            toward: self.toward / n,
         }
     }
 }
@@ -403,6 +410,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
             distance,
             inverse_distance,
             arriving,
+            direction: ray.direction,
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::math::{self, Rgb};
 use crate::run::memory;
 use glam::Vec3;
 use smallvec::SmallVec;
+use std::f32::consts::PI;
 
 /// A gather on the lattice.
 #[derive(Clone, Copy, Debug)]
@@ -168,6 +169,7 @@ impl Gathers {
                 light: mean.light * (1.0 / mean.weight),
                 environment: mean.environment * (1.0 / mean.weight),
                 harmonic_distance: mean.harmonic_distance,
+                toward: mean.toward,
             },
             ..*node
         })
@@ -197,6 +199,7 @@ impl Gathers {
             found: SmallVec::new(),
             closeness: 0.0,
             nearness: 0.0,
+            toward: Vec3::ZERO,
         };
         let [columns, rows] = self.area.near(at, window.reach);
         for j in rows {
@@ -236,6 +239,8 @@ struct Candidates<'a> {
     /// Sums by how near they are: of one over their harmonic distances, and of one.
     closeness: f32,
     nearness: f32,
+    /// Of what points to what is near, as the first.
+    toward: Vec3,
 }
 
 impl<'a> Candidates<'a> {
@@ -243,6 +248,14 @@ impl<'a> Candidates<'a> {
     const RANGE_OVER_HARMONIC: f32 = 0.25;
     /// The least such distance, over that between gathers.
     const MIN_RANGE_STEPS: f32 = 0.7;
+    /// Length of the mean of directions to what is near, each over its distance, times the harmonic
+    /// distance, beside a wall without end and nothing else: of two walls it is shorter, of a
+    /// small thing longer.
+    const OF_CREASE: f32 = 3.0 / 16.0 * PI;
+    /// By how much it may be another in a crease.
+    const OF_CREASE_RANGE: f32 = 0.1;
+    /// Share by which squared distances along a crease count less: light changes across it.
+    const ALONG_CREASE: f32 = 0.95;
 
     /// Adds a gather that stands at a point of the lattice, if it is in the window and on a surface
     /// like that of the mean.
@@ -268,6 +281,21 @@ impl<'a> Candidates<'a> {
         let close = weight / (d2 + 0.01 * spacing * spacing);
         self.closeness += close / node.gathered.harmonic_distance;
         self.nearness += close;
+        self.toward += node.gathered.toward * close;
+    }
+
+    /// The direction of the crease that the point lies in, and by which share squared distances
+    /// along it count less; as little as it is like one.
+    fn crease(&self) -> (Vec3, f32) {
+        let toward = (self.toward / self.closeness).reject_from_normalized(self.normal);
+        let length = toward.length();
+        let off = (length - Self::OF_CREASE) / Self::OF_CREASE_RANGE;
+        let share = Self::ALONG_CREASE * (1.0 - off * off);
+        if share > 0.0 {
+            (self.normal.cross(toward / length), share)
+        } else {
+            (Vec3::ZERO, 0.0)
+        }
     }
 
     /// What the neighbours saw, the nearest above all, tells how far light can be carried to the
@@ -281,8 +309,12 @@ impl<'a> Candidates<'a> {
             environment: Rgb::BLACK,
             weight: 0.0,
             harmonic_distance: self.nearness / self.closeness,
+            toward: self.toward / self.nearness,
         };
+        let (along, share) = self.crease();
         for (weight, d2, node) in self.found {
+            let step = along.dot(self.position - node.position);
+            let d2 = (d2 - share * step * step).max(0.0);
             let range = (Self::RANGE_OVER_HARMONIC
                 * node.gathered.harmonic_distance.min(mean.harmonic_distance))
             .max(Self::MIN_RANGE_STEPS * self.window.spacing * node.spacing);
@@ -302,6 +334,7 @@ pub(super) struct Mean {
     pub environment: Rgb,
     pub weight: f32,
     harmonic_distance: f32,
+    toward: Vec3,
 }
 
 #[cfg(test)]
@@ -317,6 +350,7 @@ mod tests {
                 light: Rgb::splat(light(x)),
                 environment: Rgb::BLACK,
                 harmonic_distance,
+                toward: Vec3::ZERO,
             },
             spacing: 1.0,
             is_tight: x > 3.5,
@@ -384,5 +418,43 @@ mod tests {
         let [corner, middle] = [corner, middle].map(|n| n.gathered.light.0[0]);
         assert!(corner < 0.5 && middle > 0.5, "{corner} {middle}");
         assert!(crest.smoothed_middle([1, 4], 4).is_none());
+    }
+
+    /// Length of what points to what is near beside walls without end, at a distance of 1: one
+    /// along x, or another along y, too.
+    fn length_beside_walls(has_second: bool) -> f32 {
+        const COUNT: u32 = 300;
+        let (mut toward, mut closeness) = ([0.0; 2], 0.0);
+        for i in 0..COUNT * COUNT {
+            let [u, v] = [i % COUNT, i / COUNT].map(|k| (k as f32 + 0.5) / COUNT as f32);
+            let (sin, cos) = (2.0 * PI * v).sin_cos();
+            let [x, y] = [cos, sin].map(|c| c * u.sqrt());
+            let inverse_distance = if has_second { x.max(y) } else { x }.max(0.0);
+            toward[0] += x * inverse_distance;
+            toward[1] += y * inverse_distance;
+            closeness += inverse_distance;
+        }
+        f32::hypot(toward[0], toward[1]) / closeness
+    }
+
+    #[test]
+    fn one_wall_makes_a_crease_and_two_do_not() {
+        type C = Candidates<'static>;
+        assert!((length_beside_walls(false) - C::OF_CREASE).abs() < 1e-3);
+        assert!(length_beside_walls(true) < C::OF_CREASE - C::OF_CREASE_RANGE);
+    }
+
+    #[test]
+    fn means_are_longer_along_creases() {
+        let light = |toward: Vec3| {
+            let mut gathers = on_plane(9, 1.0, |x| f32::from(u8::from(x % 2.0 == 0.0)));
+            let nodes = gathers.nodes.iter_mut().flatten();
+            nodes.for_each(|node| node.gathered.toward = toward * Candidates::OF_CREASE);
+            gathers.smoothed([2, 4], 4).unwrap().gathered.light.0[0]
+        };
+        let everywhere = light(Vec3::ZERO);
+        assert!(everywhere > 0.75, "{everywhere}");
+        assert!(light(Vec3::X) >= everywhere - 0.02);
+        assert!((light(Vec3::Z) - 0.5).abs() < 0.1, "{}", light(Vec3::Z));
     }
 }

@@ -10,6 +10,7 @@ use crate::gather::Gathered;
 use crate::image::Region;
 use crate::math::{Rgb, sampling};
 use crate::run::words::{AtomicLines, Line};
+use glam::Vec3;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
@@ -24,7 +25,7 @@ pub struct KeptGathers {
 }
 
 /// Words that hold numbers.
-const WORDS: usize = 4;
+const WORDS: usize = 5;
 
 impl KeptGathers {
     /// Gathers of a lattice over a film, so many pixels apart, in a file that processes share;
@@ -68,8 +69,8 @@ impl KeptGathers {
 }
 
 /// What says that the words of a place belong together: never that of zeros, which a new file has.
-fn seal([a, b, c, d]: [u64; WORDS], index: u64) -> u64 {
-    sampling::hash(&[index, a, b, c, d]) | 1
+fn seal([a, b, c, d, e]: [u64; WORDS], index: u64) -> u64 {
+    sampling::hash(&[index, a, b, c, d, e]) | 1
 }
 
 fn pack(gathered: &Gathered) -> [u64; WORDS] {
@@ -77,16 +78,19 @@ fn pack(gathered: &Gathered) -> [u64; WORDS] {
     let [x, y, z] = gathered.environment.0;
     let pair = |a: f32, b: f32| u64::from(a.to_bits()) << 32 | u64::from(b.to_bits());
     let distance = gathered.harmonic_distance;
-    [pair(r, g), pair(b, x), pair(y, z), pair(distance, 0.0)]
+    let near = gathered.toward;
+    let [near_to, last] = [pair(distance, near.x), pair(near.y, near.z)];
+    [pair(r, g), pair(b, x), pair(y, z), near_to, last]
 }
 
 fn unpack(words: [u64; WORDS]) -> Gathered {
-    let [[r, g], [b, x], [y, z], [distance, _]] =
+    let [[r, g], [b, x], [y, z], [distance, near_x], [near_y, near_z]] =
         words.map(|w| [w >> 32, w].map(|half| f32::from_bits(half as u32)));
     Gathered {
         light: Rgb([r, g, b]),
         environment: Rgb([x, y, z]),
         harmonic_distance: distance,
+        toward: Vec3::new(near_x, near_y, near_z),
     }
 }
 
@@ -104,6 +108,7 @@ mod tests {
             light: Rgb([1.0 / n as f32, f32::from_bits(n), 1e30]),
             environment: Rgb([0.0, 1.0 / 3.0, n as f32]),
             harmonic_distance: 1.0 / (n as f32 + 0.1),
+            toward: Vec3::new(0.1, n as f32, 0.3),
         };
         let sites = [LatticeSite::Place, LatticeSite::Middle];
         let all = || {

@@ -5,7 +5,7 @@
 //! change within less than that, by the harmonic distance of what was seen (Ward & Heckbert 1992),
 //! others stand between them. Each gather is averaged with those around it, and a surface point
 //! then averages the lattice around it, weighted by how alike normal and plane are and by distance
-//! over that harmonic distance.
+//! over that harmonic distance, of which less counts along a crease.
 
 mod area;
 mod gathers;
