@@ -90,6 +90,7 @@ fn smoke(n: usize) -> Vec<Lvoxel> {
                 source: [random.unit(), 0.5, 0.1],
                 lobe: [(random.below(120)) as i8 - 60, 50, -20],
                 incident: [0.0; 3],
+                single: Default::default(),
             }
         })
         .collect()

@@ -105,7 +105,8 @@ pub fn lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) ->
                 .iter()
                 .all(|c| c.to_bits() < INFINITY || is_minus_0(*c));
         let [r, g, b] = v.incident.map(f32::to_bits);
-        let in_range = in_range & Lvoxel::is_lobe(v.lobe) & (r.max(g).max(b) < INFINITY);
+        let has_shape = Lvoxel::is_lobe(v.lobe) & Lvoxel::is_lobe(v.single.lobe);
+        let in_range = in_range & has_shape & (r.max(g).max(b) < INFINITY);
         if inside(0) & inside(1) & inside(2) & in_range {
             return Ok(());
         }
@@ -132,6 +133,14 @@ fn wrong_lvoxel(v: &Lvoxel, volumes: &[VolumeInfo], place: &dyn Fn() -> String) 
     }
     if !Lvoxel::is_lobe(v.lobe) {
         return wrong(place, "lobe", "a length of at most 126", v.lobe);
+    }
+    if !Lvoxel::is_lobe(v.single.lobe) {
+        return wrong(
+            place,
+            "single",
+            "a lobe of a length of at most 126",
+            v.single,
+        );
     }
     if !v.incident.iter().all(|c| c.to_bits() < INFINITY) {
         return wrong(place, "incident", "numbers of at least 0", v.incident);

@@ -211,6 +211,9 @@ pub struct Lvoxel {
     /// Mean direction in which its light leaves, scene space, by [`Lvoxel::LOBE_ONE`] to a length
     /// of 1; 0 if it leaves alike in all directions.
     pub lobe: [i8; 3],
+    /// Of its light, what has come straight from lights; `lobe` is that of the rest. In trees whose
+    /// light has bounced; no share of it if all light is in one lobe.
+    pub single: LightPart,
     /// Radiance that arrives from the lvoxels of its volume, scattered any number of times: the mean
     /// over all directions and over the block. In trees whose light has bounced; 0 if unknown.
     pub incident: [f32; 3],
@@ -227,6 +230,36 @@ impl Lvoxel {
         const LONGEST: i32 = 126 * 126;
         let square = |c: i8| i32::from(c) * i32::from(c);
         lobe.into_iter().map(square).sum::<i32>() <= LONGEST
+    }
+}
+
+/// A part of the light that leaves an lvoxel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LightPart {
+    /// Its share of all, by [`LightPart::SHARE_ONE`] to all of it.
+    pub share: u8,
+    /// Mean direction in which it leaves, as that of an [`Lvoxel`].
+    pub lobe: [i8; 3],
+}
+
+impl LightPart {
+    /// What stands for all light.
+    pub const SHARE_ONE: f32 = 255.0;
+
+    /// The bytes that files have.
+    #[must_use]
+    pub(crate) fn bytes(self) -> [u8; 4] {
+        let [x, y, z] = self.lobe.map(|c| c as u8);
+        [self.share, x, y, z]
+    }
+
+    /// The inverse of [`LightPart::bytes`].
+    #[must_use]
+    pub(crate) fn of_bytes([share, lobe @ ..]: [u8; 4]) -> Self {
+        Self {
+            share,
+            lobe: lobe.map(|c| c as i8),
+        }
     }
 }
 

@@ -289,6 +289,13 @@ fn values_that_no_reader_accepts_are_refused() {
             lobe: [127, 0, 0],
             ..voxel
         },
+        Lvoxel {
+            single: record::LightPart {
+                share: 1,
+                lobe: [0, -127, 0],
+            },
+            ..voxel
+        },
     ] {
         assert!(writer.push_lvoxels(&[bad]).is_err());
     }

@@ -236,6 +236,7 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
                 let mean_cosine = self.volume.phase.moment(1);
                 out.push(Lvoxel {
                     incident: [0.0; 3],
+                    single: Default::default(),
                     volume: self.index,
                     level,
                     block: block.map(|v| v as u16),

@@ -12,7 +12,7 @@ use super::sweeps::{Carried, Sweeps};
 use super::walls::WallLight;
 use crate::Result;
 use crate::run::Cancel;
-use crate::tree::media::in_lobe;
+use crate::tree::media::{TwoLobes, in_lobe};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -143,7 +143,7 @@ impl Lobes {
             };
             Sent {
                 light: scattered * (1.0 - albedo * g) / (1.0 - g),
-                way: way * g,
+                lobes: TwoLobes::one((way * g).clamp_length_max(Self::LONGEST)),
             }
         };
         let pairs = sources.par_iter().zip(direct).zip(&self.flux);
@@ -160,15 +160,14 @@ impl Lobes {
         let both = |((scattered, direct), lobe): ((Sent, &Light), &DirectLobe)| {
             let direct = *direct * blocks.scale;
             let light = scattered.light + direct;
-            let (parts, all) = ([scattered.light, direct].map(mean), mean(light));
-            let way = if all > 0.0 {
-                (scattered.way * parts[0] + lobe.mean * parts[1]) / all
-            } else {
-                Vec3::ZERO
-            };
+            let all = mean(light);
             Sent {
                 light,
-                way: way.clamp_length_max(Self::LONGEST),
+                lobes: TwoLobes {
+                    single_share: if all > 0.0 { mean(direct) / all } else { 0.0 },
+                    single: lobe.mean,
+                    rest: scattered.lobes.rest,
+                },
             }
         };
         let pairs = scattered.into_par_iter().zip(direct).zip(&self.direct);
@@ -181,8 +180,8 @@ impl Lobes {
 pub struct Sent {
     /// The mean of all directions.
     pub light: Light,
-    /// The mean direction, as lobes have it.
-    pub way: Vec3,
+    /// How it leaves.
+    pub lobes: TwoLobes,
 }
 
 impl Sent {
@@ -190,17 +189,17 @@ impl Sent {
     pub fn evenly(light: Light) -> Self {
         Self {
             light,
-            way: Vec3::ZERO,
+            lobes: TwoLobes::default(),
         }
     }
 
     /// What goes along a direction.
     #[inline]
     pub fn along(&self, travel: Vec3) -> Light {
-        if self.way == Vec3::ZERO {
+        if self.lobes == TwoLobes::default() {
             return self.light;
         }
-        self.light * in_lobe(self.way, travel)
+        self.light * self.lobes.along(travel)
     }
 }
 

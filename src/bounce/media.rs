@@ -12,7 +12,7 @@ use super::walls::WallLight;
 use crate::Result;
 use crate::math::Rgb;
 use crate::run::Cancel;
-use glam::Vec3;
+use crate::tree::media::TwoLobes;
 use rayon::prelude::*;
 
 /// One volume, and the sources of its blocks.
@@ -77,15 +77,15 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
         self.lobes.as_ref().map_or(self.direct, |(_, given)| given)
     }
 
-    /// What the blocks of the medium itself send, and the mean directions in which that leaves; none
-    /// where it leaves alike in all directions.
-    pub fn sent(&self) -> (Vec<Light>, Vec<Vec3>) {
+    /// What the blocks of the medium itself send, and the lobes in which that leaves; none where it
+    /// leaves alike in all directions.
+    pub fn sent(&self) -> (Vec<Light>, Vec<TwoLobes>) {
         match &self.lobes {
             None => (self.sources.clone(), Vec::new()),
             Some((lobes, _)) => {
                 let scattered = lobes.scattered(self.blocks, &self.sources, self.direct);
                 let all = lobes.with_direct(self.blocks, scattered, self.direct);
-                all.into_iter().map(|s| (s.light, s.way)).unzip()
+                all.into_iter().map(|s| (s.light, s.lobes)).unzip()
             }
         }
     }
@@ -253,7 +253,7 @@ mod tests {
     use crate::bounce::blocks::tests::{tinted, uneven};
     use crate::bounce::crossings::Room;
     use crate::math::sampling::{hash, unit2};
-    use glam::{DAffine3, DVec3};
+    use glam::{DAffine3, DVec3, Vec3};
     use lvox_formats::record::{Lvoxel, VolumeInfo};
 
     /// A wide slab of so many cells of depth `cell` in a parallel beam.
@@ -310,9 +310,9 @@ mod tests {
         assert!(volume.residual <= 1e-3);
         let (light, ways) = volume.sent();
         let sent = |block: usize, travel: Vec3| match ways.get(block) {
-            Some(&way) => Sent {
+            Some(&lobes) => Sent {
                 light: light[block],
-                way,
+                lobes,
             }
             .along(travel),
             None => light[block],

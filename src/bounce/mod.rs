@@ -55,7 +55,7 @@ use crate::run::{Budget, Job, hex};
 use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
 use crate::tree::OpenTree;
-use crate::tree::media::mean_direction;
+use crate::tree::media::{TwoLobes, mean_direction};
 use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
@@ -275,8 +275,8 @@ struct Lit {
     solution: Solution,
     /// By volume and lvoxel.
     sources: Vec<Vec<Light>>,
-    /// The same for the mean directions in which their light leaves.
-    lobes: Vec<Vec<Vec3>>,
+    /// The same for the lobes in which their light leaves.
+    lobes: Vec<Vec<TwoLobes>>,
     /// By lvoxel of the only volume: what the others send to it. Empty if there are more.
     incident: Vec<Light>,
     sweeps: u32,

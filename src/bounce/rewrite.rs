@@ -8,9 +8,10 @@ use super::sweeps::Light;
 use crate::math::Rgb;
 use crate::run::Job;
 use crate::tree::AggregateSums;
+use crate::tree::media::TwoLobes;
 use crate::{Error, Result};
 use glam::Vec3;
-use lvox_formats::record::{Below, Lvoxel, Surfel, SurfelPage};
+use lvox_formats::record::{Below, LightPart, Lvoxel, Surfel, SurfelPage};
 use lvox_formats::{EncodedLvoxels, EncodedPage, MappedFile, Tree, TreeWriter};
 use rayon::prelude::*;
 
@@ -26,8 +27,8 @@ pub struct NewLight<'a> {
     pub runs: &'a [Vec<LitRun>],
     /// By volume: the sources of its lvoxels in the order of pages; none if they stay as they are.
     pub sources: &'a [Vec<Light>],
-    /// By volume: the mean directions in which their light leaves; none if it does so alike in all.
-    pub lobes: &'a [Vec<Vec3>],
+    /// By volume: the lobes in which their light leaves; none if it does so alike in all directions.
+    pub lobes: &'a [Vec<TwoLobes>],
     /// By lvoxel of the only volume: what the others send to it; none if that is not told.
     pub incident: &'a [Light],
 }
@@ -201,9 +202,17 @@ pub fn write(
             if let Some(source) = sources.get_mut(volume).and_then(Iterator::next) {
                 lvoxel.source = source.to_array();
             }
-            if let Some(way) = lobes.get_mut(volume).and_then(Iterator::next) {
-                let lobe = (*way * Lvoxel::LOBE_ONE).round();
-                lvoxel.lobe = lobe.to_array().map(|c| c as i8);
+            if let Some(lobes) = lobes.get_mut(volume).and_then(Iterator::next) {
+                // That of light straight from lights stays.
+                let share = (lobes.single_share * LightPart::SHARE_ONE).round() as u8;
+                if share > 0 {
+                    lvoxel.single = LightPart {
+                        share,
+                        lobe: lvoxel.lobe,
+                    };
+                }
+                let rest = (lobes.rest * Lvoxel::LOBE_ONE).round();
+                lvoxel.lobe = rest.to_array().map(|c| c as i8);
             }
             if let Some(incident) = incident.next() {
                 lvoxel.incident = incident.to_array();

@@ -321,6 +321,7 @@ impl Record for Lvoxel {
         let short = |at: usize| u16::from_le_bytes([head[at], head[at + 1]]);
         Lvoxel {
             incident: [0.0; 3],
+            single: Default::default(),
             volume: short(0),
             level: head[2],
             block: [short(3), short(5), short(7)],
@@ -448,6 +449,7 @@ mod tests {
         let lvoxels: Vec<Lvoxel> = (0..3000u16)
             .map(|i| Lvoxel {
                 incident: [0.0; 3],
+                single: Default::default(),
                 volume: i % 5,
                 level: (i % 4) as u8,
                 block: [i, i / 2, u16::MAX - i],

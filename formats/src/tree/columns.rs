@@ -83,7 +83,7 @@ pub const CLIP_EDGE: usize = 27;
 pub const BACK_AXES: usize = 28;
 
 /// By bit in the mask of a page of lvoxels.
-pub const LVOXELS: [Column; 12] = [
+pub const LVOXELS: [Column; 13] = [
     column("volume", 2, Rows::Lvoxels),
     column("level", 1, Rows::Lvoxels),
     column("block_gap", 8, Rows::Lvoxels),
@@ -96,6 +96,7 @@ pub const LVOXELS: [Column; 12] = [
     column("incident", 4, Rows::Lvoxels),
     column("incident_grey", 2, Rows::Lvoxels),
     column("incident_f32", 12, Rows::Lvoxels),
+    column("single", 4, Rows::Lvoxels),
 ];
 pub const VOLUME: usize = 0;
 pub const LEVEL: usize = 1;
@@ -105,6 +106,7 @@ pub const SIGMA_T_F32: usize = 4;
 pub const SOURCE: usize = 5;
 pub const LOBE: usize = 8;
 pub const INCIDENT: usize = 9;
+pub const SINGLE: usize = 12;
 
 /// A page before compression: header, then the columns, each in byte planes.
 pub struct PageBuilder {

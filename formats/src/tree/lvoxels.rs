@@ -7,7 +7,7 @@ use super::stats::{self, ColumnStats, Errors};
 use crate::bytes::Cursor;
 use crate::frame::Block;
 use crate::quantise::Steps;
-use crate::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
+use crate::record::{LightPart, Lvoxel, MAX_LEVEL, VolumeInfo};
 use crate::{FormatError, Result, check};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -142,6 +142,11 @@ pub(super) fn encode(
         }
     }
 
+    if lvoxels.iter().any(|v| v.single != LightPart::default()) {
+        let plane = |k: usize| lvoxels.iter().map(move |v| v.single.bytes()[k]);
+        builder.push_u8(col::SINGLE, (0..4).flat_map(plane));
+    }
+
     let mask = builder.mask();
     let steps = steps.unwrap_or(Steps { base: 0, shift: 0 });
     let mut header = Vec::with_capacity(PAGE_HEADER_BYTES);
@@ -175,7 +180,7 @@ pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
     let volume = cursor.u16()?;
     let (shift, level) = (cursor.u8()?, cursor.u8()?);
     let incident_exponent = cursor.i16()?;
-    let has_incident = mask >> col::INCIDENT != 0;
+    let has_incident = mask >> col::INCIDENT & 0b111 != 0;
     if shift > Steps::MAX_SHIFT || level > MAX_LEVEL || (incident_exponent != 0 && !has_incident) {
         return Err(FormatError::invalid(
             "header of the page",
@@ -252,5 +257,10 @@ fn decode_columns(
     }
     let incident = lvoxels.iter_mut().map(|v| &mut v.incident);
     radiance::decode(columns, col::INCIDENT, incident_exponent, incident)?;
+    if let Some(rows) = columns.get(col::SINGLE) {
+        for (i, v) in lvoxels.iter_mut().enumerate() {
+            v.single = LightPart::of_bytes([0, 1, 2, 3].map(|k| rows.i8(i, k) as u8));
+        }
+    }
     Ok(lvoxels)
 }

@@ -4,7 +4,7 @@ use super::columns as col;
 use super::{decode, lvoxels, stats};
 use crate::frame::{Block, BlockKind};
 use crate::record::{
-    Below, Bounds, ClipEdge, Clips, Lvoxel, Node, Surfel, SurfelAggregate, SurfelPage,
+    Below, Bounds, ClipEdge, Clips, LightPart, Lvoxel, Node, Surfel, SurfelAggregate, SurfelPage,
 };
 use crate::{EncodedPage, bytes};
 use proptest::prelude::*;
@@ -249,6 +249,17 @@ proptest! {
     }
 }
 
+#[test]
+fn the_lobes_of_lvoxels_come_back() {
+    let given = any_lvoxels();
+    let mut columns = stats::lvoxel_columns();
+    let page = lvoxels::encode(&given, &mut columns, &mut stats::Errors::default()).unwrap();
+    let block = block(number(&page.raw, 0), 0, number(&page.raw, 4));
+    let found = lvoxels::decode(&page.raw, &block).unwrap();
+    let lobes = |v: &[Lvoxel]| -> Vec<_> { v.iter().map(|v| (v.lobe, v.single)).collect() };
+    assert_eq!(lobes(&found), lobes(&given));
+}
+
 /// In no order.
 fn any_lvoxels() -> Vec<Lvoxel> {
     (0..10)
@@ -260,6 +271,10 @@ fn any_lvoxels() -> Vec<Lvoxel> {
             source: [f32::from(i), 1.0, 0.0],
             lobe: [i as i8, -120, 3],
             incident: [0.0, f32::from(i), 2.0],
+            single: LightPart {
+                share: 55 + i as u8,
+                lobe: [-3, i as i8, 100],
+            },
         })
         .collect()
 }

@@ -361,6 +361,7 @@ pub fn lvoxels(random: &mut Random, n: usize, style: Style) -> Vec<Lvoxel> {
             let lobe = c.map(|c| (140.0 * c / style.light - 70.0) as i8);
             Lvoxel {
                 incident: [0.0; 3],
+                single: Default::default(),
                 volume: random.below(2) as u16,
                 level,
                 block: [64u64, 32, 100].map(|d| (random.below(d) >> level) as u16),

@@ -1,6 +1,7 @@
 //! What a lone medium sends and stops, on cells that all rays of a direction pass layer by layer.
 
 use super::rows::{Arriving, TAPS, Taps};
+use super::weights::{Look, ScatteringWeights};
 use crate::gather::LvoxelBlock;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::sparse::SparseLattice;
@@ -9,7 +10,7 @@ use crate::math::lanes::Lanes;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::{Rgb, Spectrum, unflatten};
 use crate::scene::Volume;
-use crate::tree::media::in_lobe;
+use crate::tree::media::{TwoLobes, in_lobe};
 use glam::Vec3;
 use rayon::prelude::*;
 use wide::f32x4;
@@ -24,8 +25,29 @@ pub struct SourceCells {
     cells: Vec<f32x4>,
     /// Extinction by channel, of that.
     color: f32x4,
-    /// Mean directions in which the light of cells leaves; none if it leaves in all alike.
-    lobes: Vec<Vec3>,
+    /// How the light of cells leaves; none if it leaves in all directions alike.
+    shapes: Vec<Shape>,
+    /// What of light that has scattered once goes into each part of the sphere.
+    once: Option<ScatteringWeights>,
+}
+
+/// How the light of a cell leaves.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shape {
+    lobes: TwoLobes,
+    /// Against what has scattered once.
+    look: Look,
+    /// Share of that which scatters by the phase function, and not alike in all directions.
+    lobed: f32,
+}
+
+/// A part of the sphere that light goes to.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Towards {
+    /// Unit direction of the scene in its middle.
+    pub travel: Vec3,
+    /// Where it is among the quarters of the far field.
+    pub row_and_column: [usize; 2],
 }
 
 /// The cells in layers along the first of three axes, in rows along the second.
@@ -76,7 +98,7 @@ impl SourceCells {
         let copies = match volume.phase.is_isotropic() {
             true => 2 * size_of::<f32x4>(),
             // Layers of all directions that are passed together.
-            false => (1 + together) * size_of::<f32x4>() + size_of::<Vec3>(),
+            false => (1 + together) * size_of::<f32x4>() + size_of::<Shape>(),
         };
         (cells * copies) as u64
     }
@@ -99,7 +121,7 @@ impl SourceCells {
         let dims = Self::dims(volume, coarsest);
         let mut cells = vec![f32x4::ZERO; dims.iter().product()];
         let has_lobes = !volume.phase.is_isotropic();
-        let mut lobes = vec![Vec3::ZERO; if has_lobes { cells.len() } else { 0 }];
+        let mut shapes = vec![Shape::default(); if has_lobes { cells.len() } else { 0 }];
         let per_cell = 1.0 / own_edge.pow(3) as f32;
         let color = Rgb(volume.extinction_color);
         gatherer.each_lvoxel(0, &mut |block: LvoxelBlock| {
@@ -115,23 +137,38 @@ impl SourceCells {
                     let cell = (at[2] * dims[1] + at[1]) * dims[0] + at[0];
                     cells[cell] += value * share;
                     if has_lobes {
-                        lobes[cell] += block.mean_direction() * ((r + g + b) * share);
+                        shapes[cell].add(block.lobes(), (r + g + b) * share);
                     }
                 }
             }
         });
-        for (lobe, cell) in lobes.iter_mut().zip(&cells) {
+        for (shape, cell) in shapes.iter_mut().zip(&cells) {
             let [r, g, b, _] = cell.to_array();
-            let sent = r + g + b;
-            *lobe = if sent > 0.0 { *lobe / sent } else { Vec3::ZERO };
+            shape.divide(r + g + b);
         }
         Some(Self {
             edge,
             dims,
             cells,
             color: f32x4::new([color.0[0], color.0[1], color.0[2], 0.0]),
-            lobes,
+            shapes,
+            once: None,
         })
+    }
+
+    /// Whether cells tell what of their light has scattered once.
+    pub fn tell_single(&self) -> bool {
+        self.shapes.iter().any(|s| s.lobes.single_share > 0.0)
+    }
+
+    /// The same for sweeps along the directions of a far field, where these are the means of the
+    /// phase function over parts of the sphere: light that has scattered once leaves in lobes so
+    /// narrow that few directions meet them or miss them.
+    pub fn seen_in(mut self, once: ScatteringWeights) -> Self {
+        let looking = self.shapes.par_iter_mut();
+        looking.for_each(|shape| shape.look(&once));
+        self.once = Some(once);
+        self
     }
 
     /// The lattice of rays against the light along a direction in index space of the volume.
@@ -141,12 +178,12 @@ impl SourceCells {
 
     /// Whether cells send more light some ways than others.
     pub fn have_lobes(&self) -> bool {
-        !self.lobes.is_empty()
+        !self.shapes.is_empty()
     }
 
-    /// The cells in layers along the first of three axes, with the light that leaves them in a unit
-    /// direction of the scene.
-    pub fn layers(&self, axes: [usize; 3], travel: Vec3) -> SourceLayers<'_> {
+    /// The cells in layers along the first of three axes, with the light that leaves them for a part
+    /// of the sphere.
+    pub fn layers(&self, axes: [usize; 3], towards: Towards) -> SourceLayers<'_> {
         let [count, width, height] = axes.map(|a| self.dims[a]);
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];
         let [layer, column, row] = axes.map(|a| strides[a]);
@@ -159,8 +196,10 @@ impl SourceCells {
             for (u, cell) in cells[1..=width].iter_mut().enumerate() {
                 let i = from + u * column;
                 *cell = self.cells[i];
-                if let Some(lobe) = self.lobes.get(i) {
-                    let sent = in_lobe(*lobe, travel);
+                if let Some(shape) = self.shapes.get(i)
+                    && cell.to_array()[3] > 0.0
+                {
+                    let sent = shape.along(self.once.as_ref(), towards);
                     *cell *= f32x4::new([sent, sent, sent, 1.0]);
                 }
                 if cell.to_array()[3] > 0.0 {
@@ -177,6 +216,58 @@ impl SourceCells {
             spans,
             empty: vec![f32x4::ZERO; width + 2],
         }
+    }
+}
+
+impl Shape {
+    /// Adds so much light that leaves in these lobes.
+    fn add(&mut self, lobes: TwoLobes, light: f32) {
+        let single = light * lobes.single_share;
+        self.lobes.single_share += single;
+        self.lobes.single += lobes.single * single;
+        self.lobes.rest += lobes.rest * (light - single);
+    }
+
+    /// Makes means of sums over so much light.
+    fn divide(&mut self, light: f32) {
+        let over = |sum: Vec3, light: f32| if light > 0.0 { sum / light } else { Vec3::ZERO };
+        let single = self.lobes.single_share;
+        let share = if light > 0.0 { single / light } else { 0.0 };
+        self.lobes = TwoLobes {
+            single_share: share.min(1.0),
+            single: over(self.lobes.single, single),
+            rest: over(self.lobes.rest, light - single),
+        };
+    }
+
+    /// Prepares for what goes into each part of the sphere.
+    fn look(&mut self, once: &ScatteringWeights) {
+        let mean_cosine = once.mean_cosine();
+        let length = self.lobes.single.length();
+        if self.lobes.single_share > 0.0 && length > 0.0 && mean_cosine != 0.0 {
+            // Looks are against light.
+            let ahead = self.lobes.single / length * mean_cosine.signum();
+            self.look = once.look_along(-ahead);
+            self.lobed = (length / mean_cosine.abs()).min(1.0);
+        }
+    }
+
+    /// Light that leaves for a part of the sphere, over the mean of all directions.
+    #[inline]
+    fn along(&self, once: Option<&ScatteringWeights>, towards: Towards) -> f32 {
+        let Some(once) = once else {
+            return self.lobes.along(towards.travel);
+        };
+        let share = self.lobes.single_share;
+        let mut sent = 0.0;
+        if share < 1.0 {
+            sent = in_lobe(self.lobes.rest, towards.travel) * (1.0 - share);
+        }
+        if share > 0.0 {
+            let weight = once.weight(&self.look, towards.row_and_column);
+            sent += share * (1.0 + self.lobed * (weight - 1.0));
+        }
+        sent
     }
 }
 

@@ -1,6 +1,6 @@
 //! The sweep of a lone medium without surfaces in it: all vertices at once, layer by layer of cells.
 
-use super::cells::{SourceCells, SourceLayers, VertexLayers};
+use super::cells::{SourceCells, SourceLayers, Towards, VertexLayers};
 
 use super::rows::Arriving;
 use super::weights::{Look, ScatteringWeights};
@@ -62,7 +62,12 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
     /// another grid.
     pub fn new(scope: &'a SweepScope<'a, G>, coarsest: usize) -> Option<Self> {
         let cells = SourceCells::new(scope.gatherer, scope.volume, coarsest)?;
-        let weights = ScatteringWeights::new(scope.volume.phase, scope.far_field);
+        let (phase, field) = (scope.volume.phase, scope.far_field);
+        let unsharpened = || ScatteringWeights::unsharpened(phase, field);
+        let (cells, weights) = match cells.tell_single().then(unsharpened).flatten() {
+            Some(once) => (cells.seen_in(once), unsharpened()),
+            None => (cells, ScatteringWeights::new(phase, field)),
+        };
         Some(Self {
             scope,
             cells,
@@ -97,7 +102,8 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
             if of_axis.is_empty() {
                 continue;
             }
-            let layers = (!self.cells.have_lobes()).then(|| self.cells.layers(axes, Vec3::ZERO));
+            let layers =
+                (!self.cells.have_lobes()).then(|| self.cells.layers(axes, Towards::default()));
             let vertices: Vec<_> = lit
                 .iter()
                 .map(|l| VertexLayers::new(&l.set, l.step, &self.cells, axes))
@@ -129,8 +135,12 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
             let (arriving, passed) = match layers {
                 Some(layers) => layers.pass(rays, vertices),
                 None => {
-                    let travel = -self.scope.far_field.direction(*q);
-                    self.cells.layers(rays.axes, travel).pass(rays, vertices)
+                    let field = self.scope.far_field;
+                    let towards = Towards {
+                        travel: -field.direction(*q),
+                        row_and_column: field.row_and_column(*q),
+                    };
+                    self.cells.layers(rays.axes, towards).pass(rays, vertices)
                 }
             };
             counts::add(&self.scope.counters.cells, passed);

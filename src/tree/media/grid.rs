@@ -3,7 +3,7 @@
 use super::LvoxelBlock;
 use crate::math::{Aabb, Rgb, unflatten};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
-use lvox_formats::record::{Lvoxel, MAX_LEVEL, VolumeInfo};
+use lvox_formats::record::{LightPart, Lvoxel, MAX_LEVEL, VolumeInfo};
 
 /// Voxels along an edge of a brick.
 pub const BRICK: usize = 1 << MAX_LEVEL;
@@ -29,6 +29,10 @@ pub struct BlockGrid<B> {
     pub lobes: Vec<[i8; 3]>,
     /// Whether lvoxels with lobes were noted.
     pub has_lobes: bool,
+    /// By block, the part of its light that has scattered once; none if that is in the lobe of all.
+    pub singles: Vec<LightPart>,
+    /// Whether lvoxels with such parts were noted.
+    pub has_singles: bool,
     /// By block, what arrives there of the light of the others; none if no lvoxel tells.
     pub incident: Vec<Rgb>,
     /// Whether lvoxels that tell were noted.
@@ -102,6 +106,8 @@ impl BlockGrid<()> {
             blocks: Vec::new(),
             lobes: Vec::new(),
             has_lobes: false,
+            singles: Vec::new(),
+            has_singles: false,
             incident: Vec::new(),
             has_incident: false,
         }
@@ -145,7 +151,8 @@ impl BlockGrid<()> {
             return;
         }
         self.cubes[brick.first_cube as usize + cube].filled |= 1 << bit;
-        self.has_lobes |= l.lobe != [0; 3];
+        self.has_lobes |= l.lobe != [0; 3] || l.single.share != 0;
+        self.has_singles |= l.single.share != 0;
         self.has_incident |= l.incident != [0.0; 3];
         let per_axis = (BRICK >> l.level) as u16;
         let [first, end] = &mut brick.filled;
@@ -184,6 +191,8 @@ impl BlockGrid<()> {
             blocks: vec![Block::default(); first as usize],
             lobes: vec![[0; 3]; if self.has_lobes { first as usize } else { 0 }],
             has_lobes: self.has_lobes,
+            singles: vec![LightPart::default(); if self.has_singles { first as usize } else { 0 }],
+            has_singles: self.has_singles,
             incident: vec![Rgb::BLACK; if self.has_incident { first as usize } else { 0 }],
             has_incident: self.has_incident,
         }
@@ -195,6 +204,7 @@ impl<B> BlockGrid<B> {
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.blocks)
             + size_of_val(&*self.lobes)
+            + size_of_val(&*self.singles)
             + size_of_val(&*self.incident)
             + size_of_val(&*self.cubes)
             + size_of_val(&*self.bricks)
@@ -237,6 +247,9 @@ impl BlockGrid<Block> {
             if let Some(lobe) = self.lobes.get_mut(i) {
                 *lobe = l.lobe;
             }
+            if let Some(single) = self.singles.get_mut(i) {
+                *single = l.single;
+            }
             if let Some(incident) = self.incident.get_mut(i) {
                 *incident = Rgb(l.incident);
             }
@@ -255,6 +268,7 @@ impl BlockGrid<Block> {
             bricks: self.bricks.clone(),
             cubes: self.cubes.clone(),
             lobes: Vec::new(),
+            singles: Vec::new(),
             incident: Vec::new(),
             ..*self
         }
@@ -281,6 +295,7 @@ impl BlockGrid<Block> {
                         sigma_t,
                         source,
                         lobe: self.lobes.get(i).copied().unwrap_or_default(),
+                        single: self.singles.get(i).copied().unwrap_or_default(),
                     });
                 }
             }

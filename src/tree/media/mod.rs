@@ -16,7 +16,7 @@ use glam::Vec3;
 use grid::BlockGrid;
 pub use grid::{Block, table_bytes};
 pub use incident::IncidentGrid;
-use lvox_formats::record::{Lvoxel, VolumeInfo};
+use lvox_formats::record::{LightPart, Lvoxel, VolumeInfo};
 use walk::Walk;
 
 /// All lvoxels of a tree.
@@ -39,15 +39,60 @@ pub struct LvoxelBlock {
     pub sigma_t: f32,
     /// Source function: the mean over all directions.
     pub source: Rgb,
-    /// Mean direction in which its light leaves, as [`Lvoxel`] has it.
+    /// Mean direction in which its light leaves, but what has scattered once, as [`Lvoxel`] has it.
     pub lobe: [i8; 3],
+    /// Of its light, what has come straight from lights.
+    pub single: LightPart,
 }
 
 impl LvoxelBlock {
-    /// The mean direction in which its light leaves, scene space.
+    /// The lobes in which its light leaves.
     #[must_use]
-    pub fn mean_direction(&self) -> Vec3 {
-        mean_direction(self.lobe)
+    pub fn lobes(&self) -> TwoLobes {
+        TwoLobes::new(self.lobe, self.single)
+    }
+}
+
+/// The lobes in which light leaves an lvoxel, scene space.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TwoLobes {
+    /// Share of what has come straight from lights and scattered once.
+    pub single_share: f32,
+    /// Mean direction in which that leaves.
+    pub single: Vec3,
+    /// The same of all other light.
+    pub rest: Vec3,
+}
+
+impl TwoLobes {
+    /// Of an lvoxel with these.
+    #[must_use]
+    pub fn new(lobe: [i8; 3], single: LightPart) -> Self {
+        Self {
+            single_share: f32::from(single.share) * (1.0 / LightPart::SHARE_ONE),
+            single: mean_direction(single.lobe),
+            rest: mean_direction(lobe),
+        }
+    }
+
+    /// All light in one lobe.
+    #[must_use]
+    pub fn one(lobe: Vec3) -> Self {
+        Self {
+            rest: lobe,
+            ..Self::default()
+        }
+    }
+
+    /// Light that leaves in a unit direction, over the mean of all directions.
+    #[inline]
+    #[must_use]
+    pub fn along(&self, travel: Vec3) -> f32 {
+        let rest = in_lobe(self.rest, travel);
+        if self.single_share == 0.0 {
+            return rest;
+        }
+        rest + (in_lobe(self.single, travel) - rest) * self.single_share
     }
 }
 
@@ -97,6 +142,9 @@ impl MediaLayout {
         let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
         let lobed = (self.volumes.iter()).filter(|v| v.has_lobes);
         let lobes = lobed.map(BlockGrid::count).sum::<u64>() * size_of::<[i8; 3]>() as u64;
+        let scattering = (self.volumes.iter()).filter(|v| v.has_singles);
+        let singles = scattering.map(BlockGrid::count).sum::<u64>();
+        let lobes = lobes + singles * size_of::<LightPart>() as u64;
         let blocks_and_rest = blocks * size_of::<Block>() as u64 + rest as u64;
         if !self.volumes.iter().any(|v| v.has_incident) {
             return blocks_and_rest + lobes;

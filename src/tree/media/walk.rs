@@ -1,7 +1,7 @@
 //! The way of a ray through the lvoxels of one volume, front to back.
 
+use super::TwoLobes;
 use super::grid::{BRICK, Block, BlockGrid, Brick, place};
-use super::{in_lobe, mean_direction};
 use crate::math::Ray;
 use crate::math::dda::{Passage, Steps};
 use crate::math::segment::Segment;
@@ -132,8 +132,9 @@ impl<'a> Walk<'a> {
                 let block = &self.grid.blocks[i];
                 let source = match LOBED {
                     true => {
-                        let lobe = mean_direction(self.grid.lobes[i]);
-                        block.source * in_lobe(lobe, self.travel)
+                        let single = self.grid.singles.get(i).copied().unwrap_or_default();
+                        let lobes = TwoLobes::new(self.grid.lobes[i], single);
+                        block.source * lobes.along(self.travel)
                     }
                     false => block.source,
                 };

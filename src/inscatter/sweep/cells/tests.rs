@@ -1,7 +1,9 @@
 use super::*;
-use crate::math::sampling;
+use crate::inscatter::far_field::FarField;
+use crate::math::{PhaseFunction, sampling};
 use crate::scene::Grid;
 use glam::DAffine3;
+use lvox_formats::record::LightPart;
 
 /// Cells of noise, some of them empty, of a medium of such a colour.
 fn noise(dims: [usize; 3], color: [f32; 3]) -> SourceCells {
@@ -17,7 +19,8 @@ fn noise(dims: [usize; 3], color: [f32; 3]) -> SourceCells {
         dims,
         cells: (0..dims.iter().product()).map(cell).collect(),
         color: f32x4::new([color[0], color[1], color[2], 0.0]),
-        lobes: Vec::new(),
+        shapes: Vec::new(),
+        once: None,
     }
 }
 
@@ -82,7 +85,7 @@ fn check_layers<K: Spectrum>(color: [f32; 3]) {
         Vec3::new(0.0, 0.0, 1.0),
     ] {
         let rays = cells.lattice(direction);
-        let layers = cells.layers(rays.axes, Vec3::ZERO);
+        let layers = cells.layers(rays.axes, Towards::default());
         for (step, every) in [(2, 1), (4, 1), (2, 7)] {
             let count = cells.dims.map(|n| n / (step / 2) + 1);
             let set = SparseLattice::new(count, |choose| {
@@ -129,7 +132,7 @@ fn what_arrives_at_a_vertex_does_not_depend_on_others() {
     });
     for direction in [[0.9, 0.3, -0.2], [0.5, -2.0, 0.7], [-0.1, 0.41, -3.0]].map(Vec3::from) {
         let rays = cells.lattice(direction);
-        let layers = cells.layers(rays.axes, Vec3::ZERO);
+        let layers = cells.layers(rays.axes, Towards::default());
         let [all, few] = sets.each_ref().map(|set| {
             let vertices = VertexLayers::new(set, 2, &cells, rays.axes);
             let (mut arriving, _) = layers.pass::<f32>(&rays, &[vertices]);
@@ -201,6 +204,7 @@ fn cells_hold_what_their_lvoxels_do_on_whatever_level_the_volume_is() {
         sigma_t,
         source: Rgb([2.0, 1.0, 0.5]),
         lobe: [0; 3],
+        single: LightPart::default(),
     };
     let lvoxels = Lvoxels {
         dims: [256, 200, 170],
@@ -237,4 +241,60 @@ fn cells_hold_what_their_lvoxels_do_on_whatever_level_the_volume_is() {
         ..lvoxels
     };
     assert!(SourceCells::new(&other, &volume, 8).is_none());
+}
+
+/// Volume of a phase function, one lvoxel of which sends light of three kinds.
+fn lobed(single: LightPart) -> (SourceCells, FarField) {
+    let mut volume = Volume::new(
+        "cloud".into(),
+        Grid::from_fn([64; 3], |_| 1.0),
+        [0.9; 3],
+        DAffine3::IDENTITY,
+    );
+    volume.phase = PhaseFunction::henyey_greenstein(0.8);
+    let lvoxels = Lvoxels {
+        dims: [64; 3],
+        blocks: vec![LvoxelBlock {
+            first: [0; 3],
+            edge: 1,
+            sigma_t: 1.0,
+            source: Rgb([3.0, 2.0, 1.0]),
+            lobe: [20, -30, 60],
+            single,
+        }],
+    };
+    let field = FarField::new(&volume, 6, 0);
+    let cells = SourceCells::new(&lvoxels, &volume, 1).unwrap();
+    let once = ScatteringWeights::unsharpened(volume.phase, &field).unwrap();
+    (cells.seen_in(once), field)
+}
+
+#[test]
+fn cells_send_in_lobes_what_they_would_send_evenly() {
+    let [none, half] = [0, 127].map(|share| LightPart {
+        share,
+        lobe: [0, 98, -10],
+    });
+    for single in [none, half] {
+        let (cells, field) = lobed(single);
+        let shape = cells.shapes[0];
+        let (mut sum, mut way) = (0.0, Vec3::ZERO);
+        for q in 0..field.quarters() {
+            let towards = Towards {
+                travel: -field.direction(q),
+                row_and_column: field.row_and_column(q),
+            };
+            let sent = shape.along(cells.once.as_ref(), towards);
+            assert!(sent >= 0.0);
+            sum += sent;
+            way += towards.travel * sent;
+        }
+        let count = field.quarters() as f32;
+        assert!((sum / count - 1.0).abs() < 0.05, "{}", sum / count);
+        // Quarters widen lobes.
+        let (own, share) = (shape.lobes, shape.lobes.single_share);
+        let expected = own.rest * (1.0 - share) + own.single * share;
+        assert!((way / count).distance(expected) < 0.1, "{way} {expected}");
+    }
+    assert!(!lobed(none).0.tell_single() && lobed(half).0.tell_single());
 }
