@@ -4,7 +4,7 @@
 use super::counts;
 use super::gatherer::GatherInMedia;
 use super::seen_channels::SeenChannels;
-use super::source::{InScatter, RayMemo};
+use super::source::{InScatter, OPAQUE, RayMemo};
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Ray, Rgb, Spectrum};
 use crate::trace::{Cells, RayInVolume};
@@ -44,9 +44,6 @@ struct CameraRay<'a, 'b, G: GatherInMedia> {
     lit: u64,
 }
 
-/// Transmittance below which what follows counts as bright as what was last seen: it sends no more
-/// than this share of its radiance.
-pub const OPAQUE: f32 = 1e-3;
 /// Optical depth of cells that are lit as one, at most, where all of it is seen; what is seen by a
 /// share may be deeper.
 const STRETCH_DEPTH: f32 = 0.2;
