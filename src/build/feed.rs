@@ -19,8 +19,33 @@ use std::collections::VecDeque;
 
 /// Levels that a counting pass looks down: 8^6 counts of 8 bytes.
 const COUNTED_LEVELS: u32 = 6;
-/// Buckets that surfels are dealt to at a time.
-const MAX_BUCKETS_DEALT: usize = 256;
+/// Buckets that surfels are dealt to at a time, at least.
+const MIN_BUCKETS_DEALT: u64 = 256;
+/// The same, at most.
+const MAX_BUCKETS_DEALT: u64 = 4096;
+/// Bytes of the buffer of a bucket, at least, where they are dealt to more than the fewest.
+const BUFFER_BYTES: u64 = 1 << 16;
+
+/// Most buckets that surfels are dealt to at a time.
+fn buckets_dealt(limits: &Limits) -> u64 {
+    (limits.buffers / BUFFER_BYTES).clamp(MIN_BUCKETS_DEALT, MAX_BUCKETS_DEALT)
+}
+
+/// How often surfels go to the temporary file, about.
+pub fn deals(surfels: u64, limits: &Limits) -> u64 {
+    /// Cells of which several fill a bucket leave some of it empty.
+    const FILLED: f64 = 0.8;
+    if surfels <= limits.surfels {
+        return 0;
+    }
+    let mut buckets = surfels as f64 / (limits.surfels as f64 * FILLED);
+    let mut deals = 0;
+    while buckets > 1.0 {
+        buckets /= buckets_dealt(limits) as f64;
+        deals += 1;
+    }
+    deals
+}
 
 /// The place of surfels, in the order of the cloud.
 #[derive(Clone)]
@@ -170,8 +195,8 @@ impl<'a> Feed<'a> {
                 return Err(Error::failed("the cloud changed while it was read"));
             };
             if buckets.len() > 1 {
-                // Many buckets are dealt out in two goes, so that their buffers stay large.
-                let per_group = buckets.len().div_ceil(MAX_BUCKETS_DEALT);
+                // Very many are dealt out in two goes, so that their buffers stay large.
+                let per_group = buckets.len().div_ceil(buckets_dealt(self.limits) as usize);
                 let mut groups: Vec<Vec<Bucket>> = Vec::new();
                 while !buckets.is_empty() {
                     let rest = buckets.split_off(per_group.min(buckets.len()));

@@ -109,8 +109,9 @@ fn of_clouds(
     };
     for cloud in clouds {
         let own = &cloud.summary().sums;
-        let spills = plan.surfels > limits.surfels;
-        let sample = Sample::of_surfels(cloud, settings, spills, job)?;
+        let deals = feed::deals(plan.surfels, limits);
+        let mut sample = Sample::of_surfels(cloud, settings, deals > 0, job)?;
+        sample.temporary_bytes *= deals;
         plan.add(&sample, own.surfels);
         let spills = plan.lvoxels > limits.lvoxels;
         let sample = Sample::of_lvoxels(cloud, settings, spills, job)?;
@@ -223,5 +224,27 @@ impl Sample {
             temporary_bytes: found.iter().map(|f| f.2).sum(),
             secs: started.elapsed().as_secs_f64(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn surfels_are_dealt_once_more_where_there_are_too_many_buckets() {
+        let limits = |buffers| Limits {
+            surfels: 1000,
+            buffers,
+            chunks: 1,
+            ranges: 1,
+            reads_ahead: false,
+            lvoxels: 1000,
+        };
+        let small = limits(1 << 20);
+        for (surfels, deals) in [(1000, 0), (1001, 1), (200_000, 1), (300_000, 2)] {
+            assert_eq!(feed::deals(surfels, &small), deals, "{surfels}");
+        }
+        assert_eq!(feed::deals(300_000, &limits(1 << 26)), 1);
     }
 }
