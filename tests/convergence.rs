@@ -4,7 +4,7 @@
 
 mod support;
 
-use lvox::image::{Frame, Region, exr};
+use lvox::image::{Picture, Region, exr};
 use lvox::internals::metric;
 use lvox::internals::reference::Start;
 use lvox::internals::study::{self, Method, Settings, Slope, Study, Sweep};
@@ -116,7 +116,6 @@ fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
         spp: vec![1, 4, 16, 64],
         block_depth: vec![0.1, 6.4],
         block_voxels: vec![8, 4, 2, 1],
-        samples: vec![1, 4, 16, 64],
         ..settings(Kernel::Traced)
     };
     let cone = Settings {
@@ -128,27 +127,64 @@ fn measured(scene: &Scene, dir: &Path) -> [Study; 2] {
     [study("traced", traced), study("cone", cone)]
 }
 
-/// Samples of a pixel of its own, and relMSE beside a study's reference. Edges take no more of them
-/// than the rest.
-fn pixel_samples(scene: &Scene, dir: &Path) -> Vec<(f64, f64)> {
-    let tree = trees::baked(scene, &trees::of_surfels(80_000), dir, "own");
-    let store = OpenTree::open(&tree, None).unwrap();
-    let region = Region::full(scene.film.width, scene.film.height);
-    let picture = |frame: &Frame| frame.picture("", &region).unwrap();
-    let reference = picture(&exr::read(&dir.join("traced/reference.exr")).unwrap());
-    [2, 4, 8, 16]
-        .map(|pixel_samples| {
-            let settings = shade::Settings {
+/// Frames of a tree beside a study's reference.
+struct Frames<'a> {
+    scene: &'a Scene,
+    store: OpenTree,
+    reference: Picture,
+}
+
+impl<'a> Frames<'a> {
+    fn new(scene: &'a Scene, dir: &Path) -> Self {
+        let tree = trees::baked(scene, &trees::of_surfels(80_000), dir, "own");
+        let reference = exr::read(&dir.join("traced/reference.exr")).unwrap();
+        Self {
+            scene,
+            store: OpenTree::open(&tree, None).unwrap(),
+            reference: reference.picture("", &Self::region(scene)).unwrap(),
+        }
+    }
+
+    fn region(scene: &Scene) -> Region {
+        Region::full(scene.film.width, scene.film.height)
+    }
+
+    fn relmse(&self, settings: &shade::Settings) -> f64 {
+        let (scene, region) = (self.scene, Self::region(self.scene));
+        let frame = shade::run(scene, &self.store, settings, region, &[], &Job::default()).unwrap();
+        metric::linear(&frame.picture("", &region).unwrap(), &self.reference).relmse
+    }
+
+    /// Samples of a pixel of its own, and relMSE. Edges take no more of them than the rest.
+    fn by_pixel_samples(&self) -> Vec<(f64, f64)> {
+        let relmse = |pixel_samples| {
+            let relmse = self.relmse(&shade::Settings {
                 pixel_samples,
                 edge_samples: 1,
                 shadow_rays: 1,
                 ..fine(Kernel::Traced)
-            };
-            let frame = shade::run(scene, &store, &settings, region, &[], &Job::default()).unwrap();
-            let errors = metric::linear(&picture(&frame), &reference);
-            (f64::from(pixel_samples), errors.relmse)
-        })
-        .into()
+            });
+            (f64::from(pixel_samples), relmse)
+        };
+        [2, 4, 8, 16].map(relmse).into()
+    }
+
+    /// Rays of a gather, and relMSE: the mean over seeds, of which one has twice the error of another.
+    fn by_samples(&self) -> Vec<(f64, f64)> {
+        const SEEDS: u64 = 8;
+        let of_seed = |samples, seed| {
+            self.relmse(&shade::Settings {
+                samples,
+                seed,
+                ..fine(Kernel::Traced)
+            })
+        };
+        let mean = |samples| {
+            let sum: f64 = (0..SEEDS).map(|seed| of_seed(samples, seed)).sum();
+            (f64::from(samples), sum / SEEDS as f64)
+        };
+        [1, 4, 16, 64].map(mean).into()
+    }
 }
 
 /// Exponent of errors over settings, by least squares on logarithms.
@@ -206,7 +242,6 @@ fn errors_fall_at_their_rates() {
     // around what is measured. What surfels and nodes get wrong lies along edges of light, so the
     // squared error falls as the width of those edges and not as its square.
     for (setting, whole, coarse) in [
-        (Sweep::Samples, -0.72..-0.42, -0.78..-0.48),
         (Sweep::SurfelRadius, 0.8..1.1, 1.01..1.31),
         (Sweep::MaxSolidAngle, 0.04..0.27, 0.29..0.59),
         // Optical depths of blocks rule nothing here: no error falls with them.
@@ -220,9 +255,14 @@ fn errors_fall_at_their_rates() {
         within(slope.finest[1], noise..7e-4, &setting.to_string());
         assert!(slope.floor < 7e-4, "{setting}: {}", slope.floor);
     }
-    let own = pixel_samples(&scene, dir);
+    let frames = Frames::new(&scene, dir);
+    let own = frames.by_pixel_samples();
     eprintln!("pixel-samples {own:?}");
     within(power(&own), -1.17..-0.87, "pixel-samples");
+    let samples = frames.by_samples();
+    eprintln!("samples {samples:?}");
+    within(power(&samples), -1.2..-0.9, "samples");
+    within(power(&samples[..2]), -1.12..-0.82, "samples");
     // Surfels alone do not get there, however fine.
     for slope in slopes().filter(|s| s.method == Method::Traditional) {
         assert!(slope.floor > 1e-2, "{slope:?}");
