@@ -10,15 +10,15 @@ use lvox::formats::{Overwrite, Tree, TreeWriter};
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::scene::{
-    CameraInput, Film, Grid, LightInput, MeshInput, Scene, SceneBuilder, VolumeInput,
+    CameraInput, Film, Grid, LightInput, MeshInput, PhaseFunction, Scene, SceneBuilder, VolumeInput,
 };
 use lvox::tree::OpenTree;
-use lvox::{Kind, build, inspect, pack, scatter, shade};
+use lvox::{Kind, bounce, build, inspect, pack, scatter, shade};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A floor in reddish fog under a light, and a board at three places.
-fn scene() -> Scene {
+fn scene(phase: PhaseFunction) -> Scene {
     let corners = [
         [-1.0, 0.0, -1.0],
         [-1.0, 0.0, 1.0],
@@ -47,7 +47,7 @@ fn scene() -> Scene {
         .mesh(floor.albedo([0.8, 0.1, 0.1]))
         .instances(board, places)
         .light(LightInput::point([0.0, 3.0, 0.0], [8.0; 3]))
-        .volume(fog.extinction_color([1.0, 0.5, 0.25]))
+        .volume(fog.extinction_color([1.0, 0.5, 0.25]).phase(phase))
         .build()
         .unwrap()
 }
@@ -64,7 +64,7 @@ struct Work {
 impl Work {
     fn new(name: &str) -> Self {
         let folder = folder(name);
-        let scene = scene();
+        let scene = scene(PhaseFunction::default());
         let tree = trees::baked(&scene, &trees::of_surfels(300), &folder, "scene");
         let light = folder.join("scene.lvs");
         let store = OpenTree::open(&tree, None).unwrap();
@@ -200,6 +200,34 @@ fn trees() {
     let out = work.folder.join("out.ply");
     own(&work, &work.tree, 150, |file| {
         inspect::export_ply(file, &out, Some(1000), Overwrite::Replace)?;
+        work.shade(&OpenTree::open(file, None)?)
+    });
+}
+
+/// Light that has bounced, in a medium that scatters forward: all columns of lvoxels.
+#[test]
+fn trees_of_all_bounces() {
+    let mut work = Work::new("bounced");
+    work.scene = scene(PhaseFunction::henyey_greenstein(0.6));
+    let tree = trees::baked(
+        &work.scene,
+        &trees::of_surfels(300),
+        &work.folder,
+        "forward",
+    );
+    let store = OpenTree::open(&tree, None).unwrap();
+    let bounced = work.folder.join("bounced.lvt");
+    let (settings, job) = (bounce::Settings::default(), Job::default());
+    bounce::run(
+        &work.scene,
+        &store,
+        &bounced,
+        &settings,
+        Overwrite::Replace,
+        &job,
+    )
+    .unwrap();
+    own(&work, &bounced, 150, |file| {
         work.shade(&OpenTree::open(file, None)?)
     });
 }
