@@ -10,7 +10,7 @@ use crate::math::lanes::Lanes;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::{Rgb, Spectrum, unflatten};
 use crate::scene::Volume;
-use crate::tree::media::{TwoLobes, in_lobe};
+use crate::tree::media::in_lobe;
 use glam::Vec3;
 use rayon::prelude::*;
 use wide::f32x4;
@@ -25,19 +25,25 @@ pub struct SourceCells {
     cells: Vec<f32x4>,
     /// Extinction by channel, of that.
     color: f32x4,
-    /// How the light of cells leaves; none if it leaves in all directions alike.
-    shapes: Vec<Shape>,
+    /// Mean directions in which the light of cells leaves, but for what has scattered once where that
+    /// is apart; none if it leaves in all alike.
+    lobes: Vec<Vec3>,
+    /// What has scattered once; none if no lvoxel tells.
+    singles: Vec<Single>,
     /// What of light that has scattered once goes into each part of the sphere.
     once: Option<ScatteringWeights>,
 }
 
-/// How the light of a cell leaves.
+/// The light of a cell that has scattered once.
 #[derive(Clone, Copy, Debug, Default)]
-struct Shape {
-    lobes: TwoLobes,
-    /// Against what has scattered once.
+struct Single {
+    /// Its share of all light of the cell.
+    share: f32,
+    /// Mean direction in which it leaves.
+    lobe: Vec3,
+    /// Against that.
     look: Look,
-    /// Share of that which scatters by the phase function, and not alike in all directions.
+    /// Share of it which scatters by the phase function, and not alike in all directions.
     lobed: f32,
 }
 
@@ -98,7 +104,7 @@ impl SourceCells {
         let copies = match volume.phase.is_isotropic() {
             true => 2 * size_of::<f32x4>(),
             // Layers of all directions that are passed together.
-            false => (1 + together) * size_of::<f32x4>() + size_of::<Shape>(),
+            false => (1 + together) * size_of::<f32x4>() + size_of::<(Vec3, Single)>(),
         };
         (cells * copies) as u64
     }
@@ -121,7 +127,9 @@ impl SourceCells {
         let dims = Self::dims(volume, coarsest);
         let mut cells = vec![f32x4::ZERO; dims.iter().product()];
         let has_lobes = !volume.phase.is_isotropic();
-        let mut shapes = vec![Shape::default(); if has_lobes { cells.len() } else { 0 }];
+        let mut lobes = vec![Vec3::ZERO; if has_lobes { cells.len() } else { 0 }];
+        let mut singles = Vec::new();
+        let count = cells.len();
         let per_cell = 1.0 / own_edge.pow(3) as f32;
         let color = Rgb(volume.extinction_color);
         gatherer.each_lvoxel(0, &mut |block: LvoxelBlock| {
@@ -137,36 +145,52 @@ impl SourceCells {
                     let cell = (at[2] * dims[1] + at[1]) * dims[0] + at[0];
                     cells[cell] += value * share;
                     if has_lobes {
-                        shapes[cell].add(block.lobes(), (r + g + b) * share);
+                        let (own, light) = (block.lobes(), (r + g + b) * share);
+                        let single = light * own.single_share;
+                        lobes[cell] += own.rest * (light - single);
+                        if single > 0.0 {
+                            singles.resize(count, Single::default());
+                            singles[cell].share += single;
+                            singles[cell].lobe += own.single * single;
+                        }
                     }
                 }
             }
         });
-        for (shape, cell) in shapes.iter_mut().zip(&cells) {
+        let over = |sum: Vec3, light: f32| if light > 0.0 { sum / light } else { Vec3::ZERO };
+        for (i, (lobe, cell)) in lobes.iter_mut().zip(&cells).enumerate() {
             let [r, g, b, _] = cell.to_array();
-            shape.divide(r + g + b);
+            let light = r + g + b;
+            let mut single = 0.0;
+            if let Some(of_cell) = singles.get_mut(i) {
+                single = of_cell.share;
+                of_cell.lobe = over(of_cell.lobe, single);
+                of_cell.share = if light > 0.0 { single / light } else { 0.0 }.min(1.0);
+            }
+            *lobe = over(*lobe, light - single);
         }
         Some(Self {
             edge,
             dims,
             cells,
             color: f32x4::new([color.0[0], color.0[1], color.0[2], 0.0]),
-            shapes,
+            lobes,
+            singles,
             once: None,
         })
     }
 
     /// Whether cells tell what of their light has scattered once.
     pub fn tell_single(&self) -> bool {
-        self.shapes.iter().any(|s| s.lobes.single_share > 0.0)
+        !self.singles.is_empty()
     }
 
     /// The same for sweeps along the directions of a far field, where these are the means of the
     /// phase function over parts of the sphere: light that has scattered once leaves in lobes so
     /// narrow that few directions meet them or miss them.
     pub fn seen_in(mut self, once: ScatteringWeights) -> Self {
-        let looking = self.shapes.par_iter_mut();
-        looking.for_each(|shape| shape.look(&once));
+        let looking = self.singles.par_iter_mut();
+        looking.for_each(|single| single.look(&once));
         self.once = Some(once);
         self
     }
@@ -178,7 +202,20 @@ impl SourceCells {
 
     /// Whether cells send more light some ways than others.
     pub fn have_lobes(&self) -> bool {
-        !self.shapes.is_empty()
+        !self.lobes.is_empty()
+    }
+
+    /// Light of a cell that leaves for a part of the sphere, over the mean of all directions.
+    #[inline]
+    fn along(&self, cell: usize, towards: Towards) -> f32 {
+        let rest = in_lobe(self.lobes[cell], towards.travel);
+        match self.singles.get(cell) {
+            None => rest,
+            Some(single) => {
+                let once = self.once.as_ref();
+                rest * (1.0 - single.share) + single.along(once, towards)
+            }
+        }
     }
 
     /// The cells in layers along the first of three axes, with the light that leaves them for a part
@@ -196,10 +233,8 @@ impl SourceCells {
             for (u, cell) in cells[1..=width].iter_mut().enumerate() {
                 let i = from + u * column;
                 *cell = self.cells[i];
-                if let Some(shape) = self.shapes.get(i)
-                    && cell.to_array()[3] > 0.0
-                {
-                    let sent = shape.along(self.once.as_ref(), towards);
+                if self.have_lobes() && cell.to_array()[3] > 0.0 {
+                    let sent = self.along(i, towards);
                     *cell *= f32x4::new([sent, sent, sent, 1.0]);
                 }
                 if cell.to_array()[3] > 0.0 {
@@ -219,55 +254,30 @@ impl SourceCells {
     }
 }
 
-impl Shape {
-    /// Adds so much light that leaves in these lobes.
-    fn add(&mut self, lobes: TwoLobes, light: f32) {
-        let single = light * lobes.single_share;
-        self.lobes.single_share += single;
-        self.lobes.single += lobes.single * single;
-        self.lobes.rest += lobes.rest * (light - single);
-    }
-
-    /// Makes means of sums over so much light.
-    fn divide(&mut self, light: f32) {
-        let over = |sum: Vec3, light: f32| if light > 0.0 { sum / light } else { Vec3::ZERO };
-        let single = self.lobes.single_share;
-        let share = if light > 0.0 { single / light } else { 0.0 };
-        self.lobes = TwoLobes {
-            single_share: share.min(1.0),
-            single: over(self.lobes.single, single),
-            rest: over(self.lobes.rest, light - single),
-        };
-    }
-
+impl Single {
     /// Prepares for what goes into each part of the sphere.
     fn look(&mut self, once: &ScatteringWeights) {
         let mean_cosine = once.mean_cosine();
-        let length = self.lobes.single.length();
-        if self.lobes.single_share > 0.0 && length > 0.0 && mean_cosine != 0.0 {
+        let length = self.lobe.length();
+        if self.share > 0.0 && length > 0.0 && mean_cosine != 0.0 {
             // Looks are against light.
-            let ahead = self.lobes.single / length * mean_cosine.signum();
+            let ahead = self.lobe / length * mean_cosine.signum();
             self.look = once.look_along(-ahead);
             self.lobed = (length / mean_cosine.abs()).min(1.0);
         }
     }
 
-    /// Light that leaves for a part of the sphere, over the mean of all directions.
+    /// What of it leaves for a part of the sphere, over the mean of all light in all directions.
     #[inline]
     fn along(&self, once: Option<&ScatteringWeights>, towards: Towards) -> f32 {
-        let Some(once) = once else {
-            return self.lobes.along(towards.travel);
+        let sent = match once {
+            Some(once) => {
+                let weight = once.weight(&self.look, towards.row_and_column);
+                1.0 + self.lobed * (weight - 1.0)
+            }
+            None => in_lobe(self.lobe, towards.travel),
         };
-        let share = self.lobes.single_share;
-        let mut sent = 0.0;
-        if share < 1.0 {
-            sent = in_lobe(self.lobes.rest, towards.travel) * (1.0 - share);
-        }
-        if share > 0.0 {
-            let weight = once.weight(&self.look, towards.row_and_column);
-            sent += share * (1.0 + self.lobed * (weight - 1.0));
-        }
-        sent
+        self.share * sent
     }
 }
 

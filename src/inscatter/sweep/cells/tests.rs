@@ -19,7 +19,8 @@ fn noise(dims: [usize; 3], color: [f32; 3]) -> SourceCells {
         dims,
         cells: (0..dims.iter().product()).map(cell).collect(),
         color: f32x4::new([color[0], color[1], color[2], 0.0]),
-        shapes: Vec::new(),
+        lobes: Vec::new(),
+        singles: Vec::new(),
         once: None,
     }
 }
@@ -277,14 +278,13 @@ fn cells_send_in_lobes_what_they_would_send_evenly() {
     });
     for single in [none, half] {
         let (cells, field) = lobed(single);
-        let shape = cells.shapes[0];
         let (mut sum, mut way) = (0.0, Vec3::ZERO);
         for q in 0..field.quarters() {
             let towards = Towards {
                 travel: -field.direction(q),
                 row_and_column: field.row_and_column(q),
             };
-            let sent = shape.along(cells.once.as_ref(), towards);
+            let sent = cells.along(0, towards);
             assert!(sent >= 0.0);
             sum += sent;
             way += towards.travel * sent;
@@ -292,8 +292,8 @@ fn cells_send_in_lobes_what_they_would_send_evenly() {
         let count = field.quarters() as f32;
         assert!((sum / count - 1.0).abs() < 0.05, "{}", sum / count);
         // Quarters widen lobes.
-        let (own, share) = (shape.lobes, shape.lobes.single_share);
-        let expected = own.rest * (1.0 - share) + own.single * share;
+        let once = cells.singles.first().copied().unwrap_or_default();
+        let expected = cells.lobes[0] * (1.0 - once.share) + once.lobe * once.share;
         assert!((way / count).distance(expected) < 0.1, "{way} {expected}");
     }
     assert!(!lobed(none).0.tell_single() && lobed(half).0.tell_single());
