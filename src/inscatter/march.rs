@@ -3,8 +3,8 @@
 
 use super::counts;
 use super::gatherer::GatherInMedia;
-use super::seen_channels::SeenChannels;
-use super::source::{InScatter, OPAQUE, RayMemo};
+use super::seen_channels::{OPAQUE, SeenChannels};
+use super::source::{InScatter, RayMemo};
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Ray, Rgb, Spectrum};
 use crate::trace::{Cells, RayInVolume};

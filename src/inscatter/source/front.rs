@@ -6,9 +6,10 @@
 //! away: along each direction a ray leaves another point of that, chosen by what of the camera's
 //! rays ends there. A pixel shows the same mean over the skin's depth.
 
-use super::{InScatter, OPAQUE, RayMemo, RaySegment};
+use super::{InScatter, RayMemo, RaySegment};
 use crate::inscatter::counts;
 use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::seen_channels::OPAQUE;
 use crate::inscatter::vertices::blend;
 use crate::light::{Lights, SceneMedia, SunDepths};
 use crate::math::exp::one_minus_exp_neg;

@@ -40,10 +40,6 @@ use glam::Vec3;
 use lattices::VolumeLattices;
 use wide::f32x4;
 
-/// Transmittance below which what follows counts as bright as what was last seen: it sends no more
-/// than this share of its radiance.
-pub const OPAQUE: f32 = 1e-3;
-
 /// In-scattered light of all volumes of a scene.
 pub struct InScatter<'a, G: GatherInMedia> {
     volumes: &'a [Volume],

@@ -161,7 +161,7 @@ impl<'a, A: CameraMedia> Corners<'a, A> {
             } else {
                 4
             },
-            // Between gathers: `curved` has 4 % less error so than at them.
+            // In vacuum between gathers: `curved` has 4 % less error so than at them.
             origin: u32::from(A::Passed::IS_VACUUM),
         };
         self.coarse_to_fine(self.rings as usize, first, |corners, visit| {
