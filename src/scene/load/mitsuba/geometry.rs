@@ -25,47 +25,55 @@ fn half(x: f64, y: f64) -> Vec2 {
 
 /// From -1 to 1 along each axis.
 pub(super) fn cube() -> MeshInput {
+    /// The corners of each side, counter-clockwise from outside, by the sign of each coordinate: at
+    /// (0, 1), (1, 1), (1, 0) and (0, 0) of its texture.
+    const SIDES: [[[i8; 3]; 4]; 6] = [
+        [[1, -1, -1], [1, -1, 1], [-1, -1, 1], [-1, -1, -1]],
+        [[1, 1, -1], [-1, 1, -1], [-1, 1, 1], [1, 1, 1]],
+        [[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]],
+        [[1, -1, 1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1]],
+        [[-1, -1, 1], [-1, 1, 1], [-1, 1, -1], [-1, -1, -1]],
+        [[1, 1, -1], [1, -1, -1], [-1, -1, -1], [-1, 1, -1]],
+    ];
     let mut mesh = MeshInput::default();
-    for side in 0..6 {
-        let axis = side / 2;
-        let out = if side % 2 == 0 { 1.0 } else { -1.0 };
+    for corners in SIDES {
         let first = mesh.positions.len() as u32;
-        for [s, t] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
-            let mut p = [0.0; 3];
-            p[axis] = out;
-            // Counter-clockwise on the negative side, too.
-            p[(axis + 1) % 3] = out * s;
-            p[(axis + 2) % 3] = t;
-            mesh.positions.push(DVec3::from(p));
-            mesh.uvs.push(half(s, -t));
-        }
+        let positions = corners.map(|corner| DVec3::from(corner.map(f64::from)));
+        mesh.positions.extend(positions);
+        let uvs = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
+        mesh.uvs.extend(uvs.map(Vec2::from));
         let pair = [[0, 1, 2], [0, 2, 3]].map(|t: [u32; 3]| t.map(|v| v + first));
         mesh.triangles.extend(pair);
     }
     mesh
 }
 
-/// Of radius 1 around z, facing +z.
+/// Of radius 1 around z, facing +z. A texture goes around it by its v.
 pub(super) fn disk() -> MeshInput {
-    let mut mesh = MeshInput {
-        positions: vec![DVec3::ZERO],
-        uvs: vec![Vec2::ZERO],
-        ..MeshInput::default()
-    };
-    for i in 0..AROUND {
+    let mut mesh = MeshInput::default();
+    let share = |i: f32| i / AROUND as f32;
+    for i in 0..=AROUND {
         let (sin, cos) = around(i);
         mesh.positions.push(DVec3::new(cos, sin, 0.0));
-        mesh.uvs.push(Vec2::new(1.0, i as f32 / AROUND as f32));
-        mesh.triangles.push([0, i + 1, (i + 1) % AROUND + 1]);
+        mesh.uvs.push(Vec2::new(1.0, share(i as f32)));
+    }
+    // The middle is at another place of the texture for each triangle.
+    for i in 0..AROUND {
+        let middle = mesh.positions.len() as u32;
+        mesh.positions.push(DVec3::ZERO);
+        mesh.uvs.push(Vec2::new(0.0, share(i as f32 + 0.5)));
+        mesh.triangles.push([middle, i, i + 1]);
     }
     mesh
 }
 
 /// Of radius 1 around z, from 0 to 1, without its ends.
 pub(super) fn cylinder() -> MeshInput {
-    rows(2, |row, (sin, cos)| {
+    let mut mesh = rows(2, |row, (sin, cos)| {
         (DVec3::new(cos, sin, row.into()), DVec3::new(cos, sin, 0.0))
-    })
+    });
+    mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    mesh
 }
 
 /// Of radius 1 around the origin, its poles along z.
@@ -92,7 +100,7 @@ fn around(i: u32) -> (f64, f64) {
 }
 
 /// Rows of points around z from below, outside on the right of who goes up; each point with its
-/// normal.
+/// normal. Textures lie on it from above.
 fn rows(count: u32, point: impl Fn(u32, (f64, f64)) -> (DVec3, DVec3)) -> MeshInput {
     let mut mesh = MeshInput::default();
     for row in 0..count {
@@ -173,6 +181,42 @@ mod tests {
         for mesh in [rectangle(), disk()] {
             let [a, b, c] = mesh.triangles[0].map(|v| mesh.positions[v as usize]);
             assert!((b - a).cross(c - a).z > 0.0);
+        }
+    }
+
+    /// Where a texture is at a point of a mesh.
+    fn uv_at(mesh: &MeshInput, point: [f64; 3]) -> [f32; 2] {
+        let point = DVec3::from(point);
+        let at = mesh.triangles.iter().find_map(|t| {
+            let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+            let normal = (b - a).cross(c - a);
+            let weights = [[b, c], [c, a], [a, b]]
+                .map(|[p, q]| (p - point).cross(q - point).dot(normal) / normal.length_squared());
+            let off = (point - a).dot(normal.normalize()).abs();
+            (off < 1e-2 && weights.iter().all(|w| *w > -1e-9)).then_some((t, weights))
+        });
+        let (triangle, weights) = at.expect("a point on the mesh");
+        let corners = triangle.iter().zip(weights);
+        let sum: Vec2 = corners.map(|(v, w)| mesh.uvs[*v as usize] * w as f32).sum();
+        sum.to_array()
+    }
+
+    #[test]
+    fn textures_lie_as_mitsuba_puts_them() {
+        // What Mitsuba 3.7 says of points that rays meet there.
+        for (mesh, point, expected) in [
+            (rectangle(), [0.3, 0.4, 0.0], [0.65, 0.7]),
+            (cube(), [0.5, 0.25, 1.0], [0.625, 0.75]),
+            (disk(), [0.3, 0.4, 0.0], [0.5, 0.147_584]),
+            (disk(), [0.3, -0.4, 0.0], [0.5, 0.852_416]),
+            (cylinder(), [0.953_939, 0.3, 0.25], [0.048_493, 0.25]),
+            (cylinder(), [-0.953_939, 0.3, 0.75], [0.451_507, 0.75]),
+            (sphere(), [0.920_598, 0.3, 0.25], [0.050_138, 0.419_569]),
+        ] {
+            let found = uv_at(&mesh, point);
+            let off = [0, 1].map(|a| (found[a] - expected[a]).abs());
+            // Sides of what is round are flat.
+            assert!(off.iter().all(|off| *off < 2e-3), "{point:?}: {found:?}");
         }
     }
 
