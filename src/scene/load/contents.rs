@@ -74,6 +74,7 @@ pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents>
     let builder =
         builder.inspect_err(|_| files.warnings.iter().for_each(|w| job.progress.warn(w)))?;
     let values = files.values.take().unwrap_or_default();
+    files.tell_left_grids();
     let read_warnings = files.warnings.len();
     let mut scene = finish(builder, files).map_err(|e| e.at(path.display()))?;
     if kind != ContentsKind::Scene {

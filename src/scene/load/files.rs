@@ -2,11 +2,13 @@
 
 use super::Settings;
 use super::images::Images;
+use super::left_out::LeftOut;
 use super::values::GridValues;
 use crate::formats::MappedFile;
 use crate::run::{Cancel, frames, memory, one_line};
 use crate::{Error, Result};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -37,6 +39,8 @@ pub(super) struct Files {
     folders: Vec<PathBuf>,
     /// Images among them.
     pub(super) images: Images,
+    /// By file, the grids that none of its volumes drew so far.
+    left_grids: BTreeMap<PathBuf, Vec<String>>,
 }
 
 impl Files {
@@ -219,6 +223,27 @@ impl Files {
     /// Tells the user something that is odd but not wrong.
     pub(super) fn warn(&mut self, message: impl Into<String>) {
         self.warnings.push(one_line(message.into()));
+    }
+
+    /// Notes the grids that a volume of a file leaves out, which other volumes of it may draw.
+    pub(super) fn leave_grids(&mut self, path: &Path, labels: Vec<String>) {
+        match self.left_grids.get_mut(path) {
+            Some(left) => left.retain(|label| labels.contains(label)),
+            None => {
+                self.left_grids.insert(path.to_owned(), labels);
+            }
+        }
+    }
+
+    /// Warns of the grids that no volume drew.
+    pub(super) fn tell_left_grids(&mut self) {
+        for (path, labels) in std::mem::take(&mut self.left_grids) {
+            let mut left_out = LeftOut::default();
+            for label in labels {
+                left_out.note("grids are left out", format_args!("`{label}`"));
+            }
+            left_out.tell(&path, 0, self);
+        }
     }
 
     /// Tells the user something that is worth knowing.

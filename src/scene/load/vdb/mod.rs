@@ -146,7 +146,8 @@ pub(super) fn read_colors(
 }
 
 /// Reads the grids that are wanted; those that have no active voxel are left out. The user is told
-/// what else the file has, but for a grid of colours that is read elsewhere.
+/// what else the file has, but for a grid of colours that is read elsewhere, by
+/// [`Files::tell_left_grids`].
 pub(super) fn read(
     content: impl Into<Content>,
     path: &Path,
@@ -164,11 +165,10 @@ pub(super) fn read(
         Wanted::Named(name) => choose(&file.entries, Some(name))?,
         Wanted::All => file.readable()?,
     };
-    for (i, entry) in file.entries.iter().enumerate() {
-        if !chosen.contains(&i) && !colors.contains(&i) {
-            left_out.note("grids are left out", format_args!("`{}`", entry.label()));
-        }
-    }
+    let others = file.entries.iter().enumerate();
+    let others = others.filter(|(i, _)| !chosen.contains(i) && !colors.contains(i));
+    let labels = others.map(|(_, entry)| entry.label()).collect();
+    files.leave_grids(path, labels);
     let mut fields = Vec::new();
     for entry in chosen.into_iter().map(|i| &file.entries[i]) {
         let place = format!("grid `{}`", entry.label());

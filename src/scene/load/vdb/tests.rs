@@ -44,6 +44,7 @@ fn load_all(content: &[u8], wanted: Option<&str>) -> (Vec<Field>, Vec<String>) {
         &mut files,
     )
     .unwrap();
+    files.tell_left_grids();
     (fields, files.warnings)
 }
 
@@ -259,6 +260,14 @@ fn grids_are_chosen_by_name() {
             &mut Files::default(),
         )
     };
+    // What one volume leaves out another may draw.
+    let mut files = Files::default();
+    for name in ["heat[1]", "flame"] {
+        let (path, wanted) = (Path::new("x.vdb"), Wanted::Named(name));
+        read(content.clone(), path, wanted, None, &mut files).unwrap();
+    }
+    files.tell_left_grids();
+    assert_eq!(files.warnings, ["x.vdb: grids are left out: `heat[0]`"]);
     let e = pick(None).err().unwrap();
     assert!(
         e.to_string()
