@@ -128,6 +128,13 @@ impl<'a> Tracer<'a> {
         self.triangles.closest(ray)
     }
 
+    /// The nearest triangle along a ray, whether its mask says that it is there or not.
+    #[must_use]
+    pub fn closest_unmasked(&self, ray: &Ray) -> Option<Hit> {
+        walked::note_rays(1);
+        self.triangles.closest_unmasked(ray)
+    }
+
     /// The nearest triangle along each ray of a packet, as [`Tracer::closest`] finds it, in `hits`,
     /// which has as many; faster where the rays go much the same way.
     pub fn closest_of_packet(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
