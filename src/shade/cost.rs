@@ -128,6 +128,7 @@ impl FrameWork for CostPilot {
                 shows_background: settings.background,
                 media_have_colors: view.tracer.scene.has_albedo_grids(),
                 ends: None,
+                cancel: &job.cancel,
             },
         };
         let cells = Cells::of(film);

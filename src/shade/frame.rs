@@ -370,6 +370,7 @@ impl FrameWork for ShadeRegions {
                     media_have_colors: view.tracer.scene.has_albedo_grids(),
                     ends: (quantities.iter().any(|q| q.is_of_ends()))
                         .then(|| EndsOfView::of(&view)),
+                    cancel: &job.cancel,
                 };
                 match &confusion {
                     None => shade_region(&shader, region, quantities, onlooker, job, &task),

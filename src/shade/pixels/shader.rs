@@ -10,6 +10,7 @@ use super::sample::{Sample, SampleCounts};
 use crate::gather::SampleRange;
 use crate::light::{DirectLight, Lights, ShadowRays, Visibility};
 use crate::math::{Ray, Rgb, Spectrum, sampling};
+use crate::run::Cancel;
 use crate::shade::pixels::camera_media::{CameraMedia, PassedMedia};
 use crate::shade::surfaces::{GatherAtSurfaces, Lattice, WithSky};
 use crate::trace::Surface;
@@ -39,6 +40,8 @@ pub struct PixelShader<'a, A: CameraMedia> {
     pub media_have_colors: bool,
     /// What pixels need to tell where their samples end, if that was asked for.
     pub ends: Option<EndsOfView>,
+    /// Media are passed no more once that says so: nobody will have the pixels.
+    pub cancel: &'a Cancel,
 }
 
 /// What pixels need to tell where their samples end.
@@ -206,6 +209,9 @@ impl<A: CameraMedia> PixelShader<'_, A> {
 
     /// What the media before a sample take and add.
     pub fn march(&self, sample: &Sample<A::Passed>) -> A::Passed {
+        if self.cancel.check().is_err() {
+            return A::Passed::default();
+        }
         self.media.march(&self.view, &self.way_to(sample))
     }
 
