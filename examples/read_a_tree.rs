@@ -38,7 +38,7 @@ fn print_below<D: AsRef<[u8]>>(
 ) -> lvox::Result<()> {
     match node.below {
         // Node 0 of that page is this node once more, with its children beside it.
-        Below::Page(id) => {
+        Below::Page(id) | Below::EvenPage(id) => {
             let page = tree.surfel_page(id as usize)?;
             return print_below(tree, &page, &page.nodes[0], depth, deepest);
         }

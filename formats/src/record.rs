@@ -448,6 +448,9 @@ pub enum Below {
     },
     /// Another page, whose node 0 this is.
     Page(u32),
+    /// Another page, whose node 0 this is; all nodes right below that send about what it sends, so
+    /// that who takes this one whole need not look at them.
+    EvenPage(u32),
 }
 
 impl Below {
@@ -457,6 +460,15 @@ impl Below {
         match *self {
             Self::Surfels { count, .. } => Some(count),
             _ => None,
+        }
+    }
+
+    /// The page below; `None` if what is below is in the same page.
+    #[must_use]
+    pub fn page(&self) -> Option<u32> {
+        match *self {
+            Self::Page(page) | Self::EvenPage(page) => Some(page),
+            Self::Nodes { .. } | Self::Surfels { .. } => None,
         }
     }
 }

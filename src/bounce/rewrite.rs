@@ -7,9 +7,10 @@ use super::surface_below::surface_below;
 use super::sweeps::Light;
 use crate::math::Rgb;
 use crate::run::Job;
-use crate::tree::AggregateSums;
 use crate::tree::media::TwoLobes;
+use crate::tree::{AggregateSums, is_even};
 use crate::{Error, Result};
+use arrayvec::ArrayVec;
 use glam::Vec3;
 use lvox_formats::record::{Below, LightPart, Lvoxel, Surfel, SurfelPage};
 use lvox_formats::{EncodedLvoxels, EncodedPage, MappedFile, Tree, TreeWriter};
@@ -34,7 +35,7 @@ pub struct NewLight<'a> {
 }
 
 /// The receivers around one that it sees, itself included: none where they are dark.
-pub type Neighbours = arrayvec::ArrayVec<u32, ASKED>;
+pub type Neighbours = ArrayVec<u32, ASKED>;
 
 /// The receivers around each, in this light.
 pub fn neighbours(sites: &Sites, light: &[Rgb]) -> Vec<Neighbours> {
@@ -159,6 +160,7 @@ pub fn write(
         .task("light", tree.surfel_pages() as u64, "pages");
     // Over all that is below the root of each page.
     let mut of_pages: Vec<AggregateSums> = Vec::with_capacity(tree.surfel_pages());
+    let mut even_pages: Vec<bool> = Vec::with_capacity(tree.surfel_pages());
     let mut lost = 0;
     let ids: Vec<usize> = (0..tree.surfel_pages()).collect();
     for batch in ids.chunks(BATCH) {
@@ -173,6 +175,7 @@ pub fn write(
         for (page, sums, own_lost) in &mut lit {
             add_up(page, sums, &of_pages);
             of_pages.push(sums[0]);
+            even_pages.push(is_even_below(page, sums));
             lost += *own_lost;
         }
         let encoded = batch
@@ -183,6 +186,12 @@ pub fn write(
                     let lit = sums.aggregate();
                     node.aggregate.axis_radiance = lit.axis_radiance;
                     node.aggregate.back_radiance = lit.back_radiance;
+                    if let Some(link) = node.below.page() {
+                        node.below = match even_pages[link as usize] {
+                            true => Below::EvenPage(link),
+                            false => Below::Page(link),
+                        };
+                    }
                 }
                 EncodedPage::relit(tree, id, page).map_err(too_bright)
             });
@@ -229,6 +238,18 @@ fn too_bright(error: lvox_formats::FormatError) -> Error {
         .hint("make lights darker")
 }
 
+/// Whether the nodes right below the root of a page send about what it sends.
+fn is_even_below(page: &SurfelPage, sums: &[AggregateSums]) -> bool {
+    let Some(&Below::Nodes { first, count }) = page.nodes.first().map(|root| &root.below) else {
+        return false;
+    };
+    let parts: ArrayVec<_, 8> = sums[first as usize..][..usize::from(count)]
+        .iter()
+        .map(AggregateSums::aggregate)
+        .collect();
+    is_even(&sums[0].aggregate(), parts.iter())
+}
+
 /// The sums over the surfels right below each node.
 fn leaf_sums(page: &SurfelPage) -> Vec<AggregateSums> {
     let of_node = |below| match below {
@@ -254,7 +275,7 @@ fn add_up(page: &SurfelPage, sums: &mut [AggregateSums], of_pages: &[AggregateSu
                     sums[i].add(&child);
                 }
             }
-            Below::Page(id) => sums[i] = of_pages[id as usize],
+            Below::Page(id) | Below::EvenPage(id) => sums[i] = of_pages[id as usize],
             Below::Surfels { .. } => {}
         }
     }

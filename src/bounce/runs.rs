@@ -52,7 +52,7 @@ impl<'a> PageSurfels<'a> {
                     counts[first..first + usize::from(count)].iter().sum()
                 }
                 Below::Surfels { count, .. } => u32::from(count),
-                Below::Page(_) => 0,
+                Below::Page(_) | Below::EvenPage(_) => 0,
             };
         }
         Self { page, counts }
@@ -94,7 +94,7 @@ impl<'a> PageSurfels<'a> {
                 Below::Surfels { first, count } => {
                     (first..first + u32::from(count)).for_each(&mut visit);
                 }
-                Below::Page(_) => {}
+                Below::Page(_) | Below::EvenPage(_) => {}
             }
         }
     }

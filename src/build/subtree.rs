@@ -6,7 +6,7 @@ use crate::formats::{
     node_bytes, surfel_bytes,
 };
 use crate::run::Cancel;
-use crate::tree::AggregateSums;
+use crate::tree::{AggregateSums, is_even};
 use crate::{Error, Result};
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -54,7 +54,11 @@ struct PendingNode {
 enum PendingBelow {
     Nodes(Vec<PendingNode>),
     Surfels(Box<[Surfel]>),
-    Page(u32),
+    Page {
+        id: u32,
+        /// Whether the nodes right below send about what it sends.
+        is_even: bool,
+    },
 }
 
 /// Pages that are done but not in the file yet. Ids count from `first`.
@@ -90,7 +94,7 @@ impl Pages {
     }
 
     fn cut_node(&mut self, node: &mut PendingNode) -> Result<()> {
-        if matches!(node.below, PendingBelow::Page(_)) {
+        if matches!(node.below, PendingBelow::Page { .. }) {
             return Ok(());
         }
         let id = self.next_id();
@@ -99,7 +103,13 @@ impl Pages {
         // What readers decode may be a little larger than what was given.
         node.bounds = encoded.bounds();
         node.bytes = node_bytes(&node.aggregate) + LINK_BYTES;
-        node.below = PendingBelow::Page(id);
+        let is_even = match &node.below {
+            PendingBelow::Nodes(parts) => {
+                is_even(&node.aggregate, parts.iter().map(|part| &part.aggregate))
+            }
+            _ => false,
+        };
+        node.below = PendingBelow::Page { id, is_even };
         self.done.push(encoded);
         Ok(())
     }
@@ -142,7 +152,7 @@ impl PendingNode {
         match &mut self.below {
             PendingBelow::Nodes(nodes) => nodes.iter_mut().for_each(|n| n.shift_links(by)),
             PendingBelow::Surfels(_) => {}
-            PendingBelow::Page(id) => *id += by,
+            PendingBelow::Page { id, .. } => *id += by,
         }
     }
 
@@ -154,7 +164,7 @@ impl PendingNode {
             match &node.below {
                 PendingBelow::Nodes(children) => nodes.extend(children),
                 PendingBelow::Surfels(own) => surfels += own.len(),
-                PendingBelow::Page(_) => {}
+                PendingBelow::Page { .. } => {}
             }
             at += 1;
         }
@@ -175,7 +185,8 @@ impl PendingNode {
                     page.surfels.extend_from_slice(own);
                     Below::Surfels { first, count }
                 }
-                PendingBelow::Page(id) => Below::Page(*id),
+                PendingBelow::Page { id, is_even: true } => Below::EvenPage(*id),
+                PendingBelow::Page { id, is_even: false } => Below::Page(*id),
             };
             page.nodes.push(Node {
                 bounds: node.bounds,

@@ -7,7 +7,7 @@ use crate::math::{Ray, Rgb};
 use crate::tree::node_aggregate::NodeAggregate;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
-use crate::tree::{Page, Pages};
+use crate::tree::{MISLEADING_DIFFERENCE, Page, Pages};
 use glam::Vec3;
 use std::ops::ControlFlow;
 use wide::f32x8;
@@ -144,8 +144,6 @@ impl Patch {
         below: u32,
         side: &TriangleSide,
     ) -> bool {
-        /// Share of what the node sends.
-        const MUCH: f32 = 0.5;
         let Some(node) = nodes.nodes.get(below as usize) else {
             return false;
         };
@@ -155,7 +153,7 @@ impl Patch {
             mean.add(side.sent(nodes, node.first_aggregate as usize + k));
         }
         let [of_node, nearer] = [sent, mean.sent].map(|c| Rgb(c).mean());
-        holding != 0 && (nearer - of_node).abs() > MUCH * of_node
+        holding != 0 && (nearer - of_node).abs() > MISLEADING_DIFFERENCE * of_node
     }
 
     /// A bit for each child whose box holds the middle.
@@ -200,6 +198,7 @@ impl<P: Pages> PatchQuery<'_, P> {
                 let below = self.pages.page(node.child[k]);
                 self.looks_below(sent, (below.nodes(), 0))
             }
+            // What is below an even page was looked at when the file was written.
             _ => false,
         };
         if !misleads {

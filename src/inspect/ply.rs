@@ -122,9 +122,11 @@ fn nodes(tree: &Tree<MappedFile>, path: &Path, root: u32, level: u32, ply: &mut 
             }
             Below::Surfels { .. } => ply.disk(&Disk::of_node(node))?,
             // The link and the page's root are the same node.
-            Below::Page(next) if linked.insert(next) => todo.push((page(next)?, 0, below)),
+            Below::Page(next) | Below::EvenPage(next) if linked.insert(next) => {
+                todo.push((page(next)?, 0, below));
+            }
             // Else a damaged tree could have more paths than anyone can walk.
-            Below::Page(next) => {
+            Below::Page(next) | Below::EvenPage(next) => {
                 return Err(FormatError::Invalid {
                     what: format!("links to page {next}"),
                     expected: "one".into(),

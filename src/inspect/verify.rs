@@ -211,7 +211,7 @@ fn depths(tree: &Tree<MappedFile>, mut read: impl FnMut() -> Result<()>) -> Resu
             }
             match node.below {
                 // The same node as that page's root, where it is counted.
-                Below::Page(link) => {
+                Below::Page(link) | Below::EvenPage(link) => {
                     page_depths[link as usize] = depth;
                     continue;
                 }

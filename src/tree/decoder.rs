@@ -2,7 +2,7 @@
 
 use super::page::{PageLeaves, PageNodes};
 use crate::{Error, Result};
-use lvox_formats::record::{Below, Node, SurfelLeaves};
+use lvox_formats::record::{Node, SurfelLeaves};
 use lvox_formats::{FormatError, MappedFile, Tree};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -71,12 +71,7 @@ impl Links {
     /// Notes the links of a page, each time that it is decoded; an error for a second link to the
     /// same page.
     fn note(&self, id: u32, nodes: &[Node]) -> std::result::Result<(), FormatError> {
-        let mut links: Vec<u32> = (nodes.iter())
-            .filter_map(|n| match n.below {
-                Below::Page(link) => Some(link),
-                _ => None,
-            })
-            .collect();
+        let mut links: Vec<u32> = (nodes.iter()).filter_map(|n| n.below.page()).collect();
         links.sort_unstable();
         let twice = |link: u32, other: u32| FormatError::Invalid {
             what: format!("links to page {link}"),

@@ -11,12 +11,14 @@
 //! | `decoder` | decodes pages, and counts them |
 //! | `page` | the layout of a decoded page: eight children, eight disks at a time |
 //! | `node_aggregate` | what stands for the surfels below a node |
+//! | `evenness` | whether it says so much like those below that nobody need look at them |
 //! | `aggregate_sums` | the sums over surfels that nodes are made of |
 //! | `traversal` | the way of all queries through the nodes |
 //! | `media` | lvoxels, and the walk of a ray through them |
 
 mod aggregate_sums;
 mod decoder;
+mod evenness;
 pub(crate) mod media;
 pub(crate) mod node_aggregate;
 mod open_tree;
@@ -26,6 +28,7 @@ pub(crate) mod traversal;
 
 pub use aggregate_sums::AggregateSums;
 pub use decoder::PageStats;
+pub(crate) use evenness::{MISLEADING_DIFFERENCE, is_even};
 pub(crate) use media::{IncidentGrid, LvoxelBlock, Media};
 pub use open_tree::OpenTree;
 pub(crate) use pages::{Page, Pages, SurfelStore};

@@ -24,6 +24,8 @@ pub enum ChildKind {
     Leaf,
     /// The root of another page.
     Page,
+    /// The root of another page, whose children send about what it sends.
+    EvenPage,
 }
 
 /// The up to eight children of a node.
@@ -248,6 +250,7 @@ impl PageNodes {
                 Below::Nodes { .. } => (ChildKind::Inner, 0),
                 Below::Surfels { .. } => (ChildKind::Leaf, blocks[group.start + slot]),
                 Below::Page(id) => (ChildKind::Page, id),
+                Below::EvenPage(id) => (ChildKind::EvenPage, id),
             };
         }
         node
@@ -350,7 +353,7 @@ impl PageNodes {
 
 /// The axes that surfels of an aggregate face, one for walls, and what each sees of their area,
 /// over that of all.
-fn facing_axes(of: &SurfelAggregate) -> impl Iterator<Item = (usize, f32)> {
+pub(super) fn facing_axes(of: &SurfelAggregate) -> impl Iterator<Item = (usize, f32)> {
     let seen = of.axis_area.map(|area| per_area(area, of.area));
     seen.into_iter().enumerate().filter(|(_, area)| *area > 0.0)
 }

@@ -33,7 +33,7 @@ impl<T> OpenNodes<T> {
         let below = node.children.child[child];
         let (page, node) = match node.children.kind[child] {
             ChildKind::Inner => (node.page_id, below),
-            ChildKind::Page => (below, 0),
+            ChildKind::Page | ChildKind::EvenPage => (below, 0),
             ChildKind::Leaf | ChildKind::None => return,
         };
         self.0.push(OpenNode { page, node, state });

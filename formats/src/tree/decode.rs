@@ -2,7 +2,7 @@
 
 use super::MAX_PAGE_RECORDS;
 use super::columns::{self as col, PageColumns, Rows, radiance};
-use super::encode::{NODES_BELOW, PAGE_BELOW, SURFELS_BELOW};
+use super::encode::{EVEN_PAGE_BELOW, NODES_BELOW, PAGE_BELOW, SURFELS_BELOW};
 use crate::bytes::Cursor;
 use crate::frame::Block;
 use crate::quantise::{NORMAL_MAX, Span, Steps, area_of_disk, decode_clips, decode_normal};
@@ -280,7 +280,7 @@ fn decode_order(
                 });
                 next_surfel += u32::from(count);
             }
-            PAGE_BELOW if count == 0 => {
+            PAGE_BELOW if code <= EVEN_PAGE_BELOW => {
                 let Some(rows) = links.filter(|_| next_link < header.links) else {
                     return wrong("a link", "none".into());
                 };
@@ -292,7 +292,11 @@ fn decode_order(
                         back.to_string(),
                     );
                 }
-                add(Below::Page(id - back));
+                let below = match code {
+                    EVEN_PAGE_BELOW => Below::EvenPage,
+                    _ => Below::Page,
+                };
+                add(below(id - back));
             }
             _ => return wrong("nodes, surfels or a page", format!("code {code:#04x}")),
         }

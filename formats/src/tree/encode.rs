@@ -15,6 +15,7 @@ pub const PAGE_HEADER_BYTES: usize = 64;
 pub const NODES_BELOW: u8 = 0x00;
 pub const SURFELS_BELOW: u8 = 0x10;
 pub const PAGE_BELOW: u8 = 0x20;
+pub const EVEN_PAGE_BELOW: u8 = 0x21;
 
 /// A page of nodes and surfels, quantised and compressed, that [`super::TreeWriter`] can append.
 /// Pages can be encoded by many threads.
@@ -243,7 +244,7 @@ pub(super) fn links(page: &SurfelPage, id: u32) -> Result<Vec<[u32; 1]>> {
         let (first, count, next) = match node.below {
             Below::Nodes { first, count } => (first, count, &mut next_node),
             Below::Surfels { first, count } => (first, count, &mut next_surfel),
-            Below::Page(link) => {
+            Below::Page(link) | Below::EvenPage(link) => {
                 if link >= id {
                     return Err(FormatError::invalid(
                         format!("link of node {i}"),
@@ -281,11 +282,12 @@ pub(super) fn links(page: &SurfelPage, id: u32) -> Result<Vec<[u32; 1]>> {
     Ok(links)
 }
 
-fn below_code(node: &Node) -> u8 {
+pub(super) fn below_code(node: &Node) -> u8 {
     match node.below {
         Below::Nodes { count, .. } => NODES_BELOW | count,
         Below::Surfels { count, .. } => SURFELS_BELOW | count,
         Below::Page(_) => PAGE_BELOW,
+        Below::EvenPage(_) => EVEN_PAGE_BELOW,
     }
 }
 

@@ -191,7 +191,7 @@ fn boxes(
                 }
                 holds = holds.union(rounded_out(disks));
             }
-            Below::Page(_) => {}
+            Below::Page(_) | Below::EvenPage(_) => {}
         }
         boxes[i] = round(holds)?;
     }

@@ -256,7 +256,7 @@ fn check_page(page: &SurfelPage, i: usize, held: &mut [Option<Bounds>]) -> Resul
                 .all(|c| holds(&node.bounds, &page.nodes[c as usize].bounds)),
             Below::Surfels { first, count } => (first..first + u32::from(count))
                 .all(|s| holds_disk(&node.bounds, &page.surfels[s as usize])),
-            Below::Page(link) => {
+            Below::Page(link) | Below::EvenPage(link) => {
                 let slot = &mut held[link as usize];
                 if slot.is_some() {
                     return wrong(&format!("links to page {link}"), "one", "another".into());

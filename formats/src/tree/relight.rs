@@ -3,8 +3,8 @@
 use super::columns::{self as col, PageBuilder, PageColumns};
 use super::decode::{self, Header};
 use super::encode::{
-    EncodedPage, Laid, PAGE_HEADER_BYTES, back_light, check_node, header, links, lit_backs,
-    push_axis_radiance, push_back_axes, push_surfel_radiance,
+    EncodedPage, Laid, PAGE_HEADER_BYTES, back_light, below_code, check_node, header, links,
+    lit_backs, push_axis_radiance, push_back_axes, push_surfel_radiance,
 };
 use super::shapes::ShapeParams;
 use super::stats::{self, Errors};
@@ -23,8 +23,8 @@ pub fn is_light(column: usize) -> bool {
 
 impl EncodedPage {
     /// Encodes page `i` of a tree with the light of `page`, which is that page as
-    /// [`Tree::surfel_page`] decodes it but for `front` and `back` of its surfels and
-    /// `axis_radiance` and `back_radiance` of its nodes. Places, shapes and boxes stay as they are
+    /// [`Tree::surfel_page`] decodes it but for `front` and `back` of its surfels, `axis_radiance`
+    /// and `back_radiance` of its nodes, and which links are to even pages. Places, shapes and boxes stay as they are
     /// in the file, to the bit, so that other pages may link to it as before.
     ///
     /// # Errors
@@ -77,7 +77,8 @@ fn relit(
         }
     };
     let has_backs = (page.nodes.iter()).any(|n| lit_backs(&n.aggregate) != 0);
-    keep(&mut builder, 0..col::AXIS_RADIANCE);
+    builder.push_u8(col::BELOW, page.nodes.iter().map(below_code));
+    keep(&mut builder, col::LINK..col::AXIS_RADIANCE);
     let lit = push_axis_radiance(
         &mut builder,
         lit.collect(),

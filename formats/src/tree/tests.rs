@@ -110,7 +110,7 @@ fn is_safe_to_walk(page: &SurfelPage) -> bool {
                 first as usize > i && inside(first, count, page.nodes.len())
             }
             Below::Surfels { first, count } => inside(first, count, page.surfels.len()),
-            Below::Page(link) => link < ID,
+            Below::Page(link) | Below::EvenPage(link) => link < ID,
         }
     })
 }

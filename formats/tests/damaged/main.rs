@@ -498,7 +498,9 @@ proptest! {
                         let end = first as usize + usize::from(count);
                         prop_assert!(count > 0 && end <= page.surfels.len());
                     }
-                    Below::Page(link) => prop_assert!((link as usize) < i),
+                    Below::Page(link) | Below::EvenPage(link) => {
+                        prop_assert!((link as usize) < i);
+                    }
                 }
             }
         }

@@ -264,17 +264,17 @@ impl<'a> Walk<'a> {
                         is_end = false;
                     }
                     Below::Surfels { .. } => {}
-                    Below::Page(next) if !self.linked.insert(next) => {
+                    Below::Page(next) | Below::EvenPage(next) if !self.linked.insert(next) => {
                         return Err(self.linked_twice(next));
                     }
                     // The root of that page is this node; it stands for it if the page is read.
-                    Below::Page(next)
+                    Below::Page(next) | Below::EvenPage(next)
                         if depth < last && self.read.len() + self.open.len() < self.most_pages =>
                     {
                         self.open.insert((depth, next));
                         continue;
                     }
-                    Below::Page(_) => {}
+                    Below::Page(_) | Below::EvenPage(_) => {}
                 }
                 let disk = Disk::of_node(node);
                 self.levels[depth as usize].push(Point {

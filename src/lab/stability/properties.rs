@@ -267,7 +267,7 @@ impl Children {
                     add(b.min, b.max, s.area, &mut light);
                 }
             }
-            Below::Page(_) => return None,
+            Below::Page(_) | Below::EvenPage(_) => return None,
         }
         Some(out)
     }
