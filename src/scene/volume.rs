@@ -140,6 +140,16 @@ impl Volume {
         has_step(grid, &self.sigma_t, voxels)
     }
 
+    /// Whether it stands on the grid of another, and stops red, green and blue in the same
+    /// proportions: together they are as deep as one whose extinction is the sum.
+    #[must_use]
+    pub fn adds_to(&self, other: &Self) -> bool {
+        self.scene_from_index == other.scene_from_index
+            && self.sigma_t.dims() == other.sigma_t.dims()
+            && self.sigma_t.size() == other.sigma_t.size()
+            && self.extinction_color == other.extinction_color
+    }
+
     /// Whether it stops red, green and blue alike.
     #[must_use]
     pub fn is_grey(&self) -> bool {

@@ -31,14 +31,19 @@ pub struct SteppedVolume {
 }
 
 impl SteppedVolume {
-    /// The medium of a volume on at most `most` voxels along each axis, passed in steps of one
-    /// cell.
+    /// The media of volumes on one grid, together, on at most `most` voxels along each axis, passed in
+    /// steps of one cell.
     #[must_use]
-    pub fn new(volume: &Volume, most: usize) -> Self {
+    pub fn new(volume: &Volume, others: &[&Volume], most: usize) -> Self {
         let grid = &volume.sigma_t;
         let block = grid.dims().map(|n| n.div_ceil(most));
         let blocks = grid.blocks(block);
-        let means = sharpened(grid.means(block), blocks, block);
+        let mut means = grid.means(block);
+        for other in others {
+            let all = means.iter_mut().zip(other.sigma_t.means(block));
+            all.for_each(|(mean, other)| *mean += other);
+        }
+        let means = sharpened(means, blocks, block);
         let [width, height, depth] = blocks.map(|n| n + 2);
         let mut samples = Vec::with_capacity(width * height * depth);
         let (mut lower, mut upper) = (Vec3A::INFINITY, Vec3A::ZERO);
@@ -75,6 +80,12 @@ impl SteppedVolume {
     /// The optical depth along a ray.
     #[must_use]
     pub fn optical_depth(&self, ray: &Ray) -> f32 {
+        self.optical_depth_up_to(ray, f32::INFINITY)
+    }
+
+    /// The same, or any depth from `enough` on where it is more than that.
+    #[must_use]
+    pub fn optical_depth_up_to(&self, ray: &Ray, enough: f32) -> f32 {
         let map = (&self.map, &self.exact_map);
         let Some(passage) = Passage::new(map, self.dims.to_array(), ray) else {
             return 0.0;
@@ -90,14 +101,15 @@ impl SteppedVolume {
         let by = line.direction * step;
         // At the box's upper faces cells end in their middle.
         let most = self.dims + 0.5;
-        self.sum([first, by], count as u32, most).element_sum() * step
+        let sum = self.sum([first, by], count as u32, most, enough / step);
+        sum.element_sum() * step
     }
 
     /// Values at a point and at others each so far from the one before, with none beyond 0 and
-    /// `most`, in cells: the sum of so many as four shares. Where points are is found for some of
-    /// them side by side.
+    /// `most`, in cells: the sum of so many as four shares, or of the first that are `enough`. Where
+    /// points are is found for some of them side by side.
     #[inline]
-    fn sum(&self, [first, by]: [Vec3A; 2], count: u32, most: Vec3A) -> Vec4 {
+    fn sum(&self, [first, by]: [Vec3A; 2], count: u32, most: Vec3A, enough: f32) -> Vec4 {
         const TOGETHER: usize = 8;
         let number = f32x8::new(std::array::from_fn(|k| k as f32));
         let along = |a: usize, i: f32x8| {
@@ -115,6 +127,9 @@ impl SteppedVolume {
             let [fx, fy, fz]: [_; 3] = std::array::from_fn(|a| (p[a] - cell[a]).to_array());
             for k in 0..TOGETHER.min((count - before) as usize) {
                 sum += self.in_corners(at[k] as usize, [fx[k], fy[k], fz[k]]);
+            }
+            if sum.element_sum() >= enough {
+                break;
             }
         }
         sum
@@ -209,7 +224,7 @@ mod tests {
         let hill = |p: Vec3| (1.0 - 0.05 * p.distance(Vec3::new(18.0, 10.0, 14.0))).max(0.0);
         let v = volume([36, 20, 28], hill);
         for (step, tolerance) in [(1.0, 0.002), (2.0, 0.01), (4.0, 0.04)] {
-            let mut stepped = SteppedVolume::new(&v, 64);
+            let mut stepped = SteppedVolume::new(&v, &[], 64);
             stepped.step = step;
             for ray in rays(&v) {
                 let expected = exact(&v, &ray);
@@ -231,7 +246,7 @@ mod tests {
             ([5, 40, 7], 3),
         ] {
             let v = volume(dims, |_| 0.7);
-            let mut stepped = SteppedVolume::new(&v, most);
+            let mut stepped = SteppedVolume::new(&v, &[], most);
             stepped.step = 3.0;
             for ray in rays(&v) {
                 let expected = exact(&v, &ray);
@@ -251,13 +266,18 @@ mod tests {
         let v = volume([48; 3], |p| {
             (-0.5 * (p.distance(middle) / 6.0).powi(2)).exp()
         });
-        let stepped = SteppedVolume::new(&v, 16);
+        let stepped = SteppedVolume::new(&v, &[], 16);
         let inside = |p: Vec3| v.sigma_t.sample(p);
         let (mut sums, mut variances) = ([0.0_f64; 2], [0.0_f64; 2]);
         for i in 0..48_usize.pow(3) {
             let p = Vec3::from_array(unflatten(i, [48; 3]).map(|i| i as f32 + 0.5));
             let in_cells = Vec3A::from(p / 3.0 + 0.5);
-            let stepped = stepped.sum([in_cells, Vec3A::ZERO], 1, stepped.dims + 0.5);
+            let stepped = stepped.sum(
+                [in_cells, Vec3A::ZERO],
+                1,
+                stepped.dims + 0.5,
+                f32::INFINITY,
+            );
             let values = [inside(p), stepped.element_sum()];
             for (k, value) in values.into_iter().enumerate() {
                 sums[k] += f64::from(value);
@@ -273,7 +293,7 @@ mod tests {
     #[test]
     fn nothing_is_passed_in_no_time() {
         let v = volume([9; 3], |_| 0.0);
-        let stepped = SteppedVolume::new(&v, 64);
+        let stepped = SteppedVolume::new(&v, &[], 64);
         for ray in rays(&v) {
             assert_eq!(stepped.optical_depth(&ray), 0.0);
         }
