@@ -2,6 +2,7 @@
 //! source function.
 
 use super::brick::{BRICK_EDGE, Block, BrickField};
+use super::cover::Cover;
 use crate::light::{KeptLight, Lights, SceneMedia, ShadowRays, VoxelLight};
 use crate::math::exp::{exp_neg, one_minus_exp_neg};
 use crate::math::{Rgb, Spectrum, sampling, unflatten};
@@ -12,6 +13,7 @@ use glam::{DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, MAX_LEVEL};
 use std::cell::LazyCell;
 use std::ops::{AddAssign, Mul};
+use std::sync::Arc;
 
 const _: () = assert!(BRICK_EDGE == VoxelLight::<f32>::VOXELS);
 
@@ -131,6 +133,8 @@ pub struct LvoxelMaker<'a, K> {
     pub lights: &'a Lights<'a, SceneMedia<'a, K>>,
     /// Light of suns and skies that was kept beforehand.
     pub kept: &'a KeptLight<'a>,
+    /// How deep its voxels lie in media, where that tells how many rays they need.
+    pub cover: Option<Arc<Cover>>,
     /// Voxels a side of blocks: everywhere the same, or by optical depth.
     pub size: BlockSize,
     /// Shadow rays to each area light.
@@ -232,7 +236,10 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
                     BlockSize::Fixed { .. } => None,
                 };
                 let light = from_outside.or_else(over);
-                let light = light.unwrap_or_else(|| self.light_at(centroid(), 0, [1, 4], seed));
+                let light = light.unwrap_or_else(|| {
+                    let all_round = self.rays_all_round(block.map(|c| c * edge));
+                    self.light_at(centroid(), 0, [1, all_round], seed)
+                });
                 let mean_cosine = self.volume.phase.moment(1);
                 out.push(Lvoxel {
                     incident: [0.0; 3],
@@ -275,6 +282,15 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
             .filter(|&l| max * voxel * (1 << l) as f32 <= limit)
             .find(|&l| !self.is_cut(b, l))
             .unwrap_or(0)
+    }
+
+    /// Rays to an environment from a voxel, for one to each area light: where little light gets out,
+    /// little of it is ever seen.
+    fn rays_all_round(&self, voxel: [usize; 3]) -> u32 {
+        /// Depths from which on one ray of two, and of four, is left.
+        const DEEP: [f32; 2] = [1.5, 3.0];
+        let depth = self.cover.as_ref().map_or(0.0, |cover| cover.at(voxel));
+        4 >> DEEP.into_iter().filter(|d| depth >= *d).count()
     }
 
     /// In-scattered light at a point of index space, by the rays of an index in a sequence: so many

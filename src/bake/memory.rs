@@ -1,5 +1,6 @@
 //! What a bake takes, told before the work.
 
+use super::cover::Cover;
 use super::{BATCH_SURFELS, Settings, SurfelSampling};
 use crate::Result;
 use crate::light::KeptLight;
@@ -26,7 +27,11 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     let media = if scene.volumes.is_empty() {
         0
     } else {
-        LVOXELS + grids as u64 / 2 + KeptLight::bytes_for(scene)
+        let cover = match scene.volumes.iter().any(Cover::is_worth_it) {
+            true => Cover::BYTES,
+            false => 0,
+        };
+        LVOXELS + grids as u64 / 2 + KeptLight::bytes_for(scene) + cover
     };
     let budget = Budget::default()
         .with("the program and its threads", job.process_bytes)

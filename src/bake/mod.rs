@@ -6,7 +6,7 @@
 //!   a scene asks for; `camera`: where the rays of a camera meet surfaces, instead.
 //! - `creases`: where the disks of surfels end.
 //! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
-//!   means of.
+//!   means of; `cover`: how deep they lie in media.
 //! - `memory`: what a bake holds, told before the work; `plan`: what it writes and takes, by a
 //!   pilot.
 //! - `prepared`: what points are made with.
@@ -17,6 +17,7 @@
 mod brick;
 mod camera;
 mod count;
+mod cover;
 mod creases;
 mod lvoxels;
 mod memory;

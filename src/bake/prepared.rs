@@ -1,5 +1,6 @@
 //! What the points of a scene are made with, ready before the first of them.
 
+use super::cover::Cover;
 use super::creases::Creases;
 use super::lvoxels::LvoxelMaker;
 use super::surfels::{AreaSampler, SurfelMaker, SurfelSource};
@@ -8,8 +9,9 @@ use crate::Result;
 use crate::light::{KeptLight, Lights, SceneMedia, Shadows, SoftShadowMedia};
 use crate::math::Spectrum;
 use crate::run::{Job, Walked};
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
+use std::sync::Arc;
 
 /// A scene with its lights, its creases, and the light that is kept in its media.
 pub struct Prepared<'a, K> {
@@ -99,15 +101,27 @@ impl<'a, K: Spectrum> Prepared<'a, K> {
 
     /// Makers of lvoxels, one for each volume.
     pub fn lvoxel_makers(&self) -> impl Iterator<Item = LvoxelMaker<'a, K>> {
-        let volumes = self.scene.volumes.iter().enumerate();
-        volumes.map(move |(index, volume)| LvoxelMaker {
-            volume,
-            index: index as u16,
-            lights: self.lights,
-            kept: self.kept,
-            size: self.settings.blocks,
-            shadow_rays: self.settings.shadow_rays,
-            seed: self.settings.seed,
+        let volumes = &self.scene.volumes;
+        // Of the volume that the last one was made for.
+        let mut last: Option<(usize, Arc<Cover>)> = None;
+        volumes.iter().enumerate().map(move |(index, volume)| {
+            last = last.take().filter(|(of, _)| volume.adds_to(&volumes[*of]));
+            if last.is_none() && Cover::is_worth_it(volume) && !self.kept.knows_sky(self.lights) {
+                let others = volumes.iter().enumerate();
+                let others = others.filter(|(i, other)| *i != index && other.adds_to(volume));
+                let others: Vec<&Volume> = others.map(|(_, other)| other).collect();
+                last = Some((index, Arc::new(Cover::new(volume, &others))));
+            }
+            LvoxelMaker {
+                volume,
+                index: index as u16,
+                lights: self.lights,
+                kept: self.kept,
+                cover: last.as_ref().map(|(_, cover)| Arc::clone(cover)),
+                size: self.settings.blocks,
+                shadow_rays: self.settings.shadow_rays,
+                seed: self.settings.seed,
+            }
         })
     }
 }

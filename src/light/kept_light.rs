@@ -110,7 +110,8 @@ impl<'a> KeptLight<'a> {
     }
 
     /// Whether all light of the environment is known.
-    pub(super) fn knows_sky<S: Shadows>(&self, lights: &Lights<S>) -> bool {
+    #[must_use]
+    pub fn knows_sky<S: Shadows>(&self, lights: &Lights<S>) -> bool {
         self.sky.is_some() || lights.environment().is_black()
     }
 
