@@ -18,7 +18,7 @@ impl LeastSpacing {
     /// Pixels between vertices: from this over the square root of two to this times it.
     const PIXELS: f32 = 2.0;
     /// Optical depth of a voxel from which on a brick has a front: a few of them hide the rest.
-    const FRONT_DEPTH: f32 = 0.7;
+    const FRONT_DEPTH: f32 = 0.5;
     /// Gather rays of a vertex with which two pixels are close enough at a front.
     const FRONT_SAMPLES: f32 = 6.0;
     /// The least spacing at a front: where pixels ask for finer ones, vertices are few enough.

@@ -1,4 +1,4 @@
-//! What a lone medium sends and stops, on cells that all rays of a direction pass layer by layer.
+//! What media of one grid send and stop, on cells that all rays of a direction pass layer by layer.
 
 use super::rows::{Arriving, TAPS, Taps};
 use super::weights::{Look, ScatteringWeights};
@@ -15,7 +15,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use wide::f32x4;
 
-/// The lvoxels of a volume as means over cells of one size.
+/// The lvoxels of volumes on one grid as means over cells of one size.
 pub struct SourceCells {
     /// Voxels along an edge of a cell.
     edge: usize,
@@ -115,12 +115,21 @@ impl SourceCells {
         blocks.map(|n| n * (coarsest / Self::edge(volume)))
     }
 
-    /// The lvoxels of the only volume, for vertices at most so many voxels apart; `None` if its
-    /// gatherer does not tell lvoxels, or those of other media.
-    pub fn new<G: GatherInMedia>(gatherer: &G, volume: &Volume, coarsest: usize) -> Option<Self> {
+    /// The lvoxels of so many volumes on one grid, of which this is one, for vertices at most so many
+    /// voxels apart; `None` if its gatherer does not tell lvoxels, or those of other media.
+    pub fn new<G: GatherInMedia>(
+        gatherer: &G,
+        volumes: usize,
+        volume: &Volume,
+        coarsest: usize,
+    ) -> Option<Self> {
         let edge = Self::edge(volume);
         // Voxels of the lvoxels are those of the finest level.
         let finest = gatherer.lvoxel_dims(0)?;
+        let is_same = |v| gatherer.lvoxel_dims(v) == Some(finest);
+        if !(1..volumes).all(is_same) {
+            return None;
+        }
         let dims_at = |level: usize| finest.map(|n: usize| n.div_ceil(1 << level));
         let level = (0..usize::BITS as usize / 2).find(|l| dims_at(*l) == volume.sigma_t.dims())?;
         let own_edge = edge << level;
@@ -132,7 +141,7 @@ impl SourceCells {
         let count = cells.len();
         let per_cell = 1.0 / own_edge.pow(3) as f32;
         let color = Rgb(volume.extinction_color);
-        gatherer.each_lvoxel(0, &mut |block: LvoxelBlock| {
+        let mut add = |block: LvoxelBlock| {
             let [r, g, b] = (block.source * block.sigma_t * color).0;
             let value = f32x4::new([r, g, b, block.sigma_t]);
             let first = block.first.map(|v| v / own_edge);
@@ -156,7 +165,8 @@ impl SourceCells {
                     }
                 }
             }
-        });
+        };
+        (0..volumes).for_each(|v| gatherer.each_lvoxel(v, &mut add));
         let over = |sum: Vec3, light: f32| if light > 0.0 { sum / light } else { Vec3::ZERO };
         for (i, (lobe, cell)) in lobes.iter_mut().zip(&cells).enumerate() {
             let [r, g, b, _] = cell.to_array();

@@ -6,7 +6,8 @@
 //! medium come from the probes of the far field, at each vertex, so that they keep their parallax.
 //!
 //! A lone medium is swept layer by layer of cells (`layered`, `cells`), all rays of a direction at
-//! once; one with surfaces or other media in its box ray by ray through its lvoxels (`rays`), whose
+//! once, and so is a thin one with others on its grid alone; one with surfaces or other media in its
+//! box ray by ray through its lvoxels (`rays`), whose
 //! rows `rows` interpolates. `weights` tell what of each direction's light a phase function scatters
 //! towards the camera.
 
@@ -129,10 +130,12 @@ impl Sweep {
         let mut needed: [Vec<[usize; 3]>; SWEPT_LEVELS] = Default::default();
         let is_opaque = scope.is_opaque();
         // Of all bricks, seen or not: what depends on it must not depend on the region.
-        let mut coarsest = 0;
+        let (mut coarsest, mut densest) = (0, 0.0_f32);
         let level_of = BrickTable::new(grid, |b| {
-            let level = Self::level(depth_of(b, grid.brick(b)?.max), least.of(b))?;
+            let own = grid.brick(b)?.max;
+            let level = Self::level(depth_of(b, own), least.of(b))?;
             coarsest = coarsest.max(level);
+            densest = densest.max(own);
             scope.may_see(b, is_opaque).then(|| {
                 needed[level].push(b);
                 level as u8
@@ -149,7 +152,7 @@ impl Sweep {
             has_walls: scope.has_walls(bounds),
         };
         let is_layered = |level: usize| {
-            LayeredSweep::is_for(scope, &media) && LayeredSweep::serves(scope, 1 << level)
+            LayeredSweep::is_for(scope, &media, densest) && LayeredSweep::serves(scope, 1 << level)
         };
         let of_levels = || sets.iter().enumerate();
         let count = |set: &Option<SparseLattice>| set.as_ref().map_or(0, |s| s.len() as u64);

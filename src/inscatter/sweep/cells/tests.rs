@@ -227,21 +227,24 @@ fn cells_hold_what_their_lvoxels_do_on_whatever_level_the_volume_is() {
         cells.cells[i].to_array()
     };
     // Cells of two voxels an edge, which are four of the finest on the other level.
-    let finest = SourceCells::new(&lvoxels, &volume, 8).unwrap();
+    let finest = SourceCells::new(&lvoxels, 1, &volume, 8).unwrap();
     assert_eq!((finest.edge, finest.dims), (2, [128, 100, 88]));
     assert_eq!(depth(&finest, [0; 3]), [4.0, 2.0, 1.0, 2.0]);
     assert_eq!(depth(&finest, [4, 8, 12]), [6.0, 3.0, 1.5, 3.0]);
     assert_eq!(depth(&finest, [7, 11, 15]), [6.0, 3.0, 1.5, 3.0]);
     assert_eq!(depth(&finest, [8, 11, 15]), [0.0; 4]);
     assert_eq!(depth(&finest, [126, 98, 84])[3], 16.0);
-    let coarser = SourceCells::new(&lvoxels, &volume.at_level(1), 2).unwrap();
+    let coarser = SourceCells::new(&lvoxels, 1, &volume.at_level(1), 2).unwrap();
     assert_eq!((coarser.edge, coarser.dims), (1, [128, 100, 86]));
     assert_eq!(depth(&coarser, [0; 3])[3], 2.0);
+    // The lvoxels of another volume on the same grid count as well.
+    let both = SourceCells::new(&lvoxels, 2, &volume, 8).unwrap();
+    assert_eq!(depth(&both, [4, 8, 12]), [12.0, 6.0, 3.0, 6.0]);
     let other = Lvoxels {
         dims: [100; 3],
         ..lvoxels
     };
-    assert!(SourceCells::new(&other, &volume, 8).is_none());
+    assert!(SourceCells::new(&other, 1, &volume, 8).is_none());
 }
 
 /// Volume of a phase function, one lvoxel of which sends light of three kinds.
@@ -265,7 +268,7 @@ fn lobed(single: LightPart) -> (SourceCells, FarField) {
         }],
     };
     let field = FarField::new(&volume, 6, 0);
-    let cells = SourceCells::new(&lvoxels, &volume, 1).unwrap();
+    let cells = SourceCells::new(&lvoxels, 1, &volume, 1).unwrap();
     let once = ScatteringWeights::unsharpened(volume.phase, &field).unwrap();
     (cells.seen_in(once), field)
 }
