@@ -24,8 +24,9 @@ def render(scene: Scene, *, tree: Optional[PathLike] = None, **settings: Any) ->
     ``scene`` is the path of a scene file, ``"demo"`` for the scene that is built in, or a dict with the keys
     of a scene file (docs/scene.md). In a dict a volume may have ``density``, an array of values by
     ``[x, y, z]``, in place of ``file``, which fill the unit cube unless ``unitcube_to_world`` or
-    ``world_from_index`` place them, and a mesh ``vertices`` (N x 3) and ``triangles`` (M x 3). Names of files
-    in a dict are relative to the working directory.
+    ``world_from_index`` place them, a mesh ``vertices`` (N x 3) and ``triangles`` (M x 3), and the ``image`` of an
+    environment may be an array of height x width x 3. Names of files in a dict are relative to the working
+    directory.
 
     With ``tree``, made by :func:`tree` of the same scene, only the frame is made: ``lvox shade``. Without,
     everything is made anew: ``lvox render``. ``settings`` are the options of these verbs.

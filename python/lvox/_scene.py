@@ -6,18 +6,19 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any, Union
 
 import numpy as np
 
+from ._exr import write_exr
 from ._program import PathLike
 
 Scene = Union[PathLike, Mapping[str, Any]]
 
-#: Keys whose values are names of files.
-_FILES = ("file", "image", "texture", "transfer")
+#: Keys whose values are names of files, or, of `opacity`, may be.
+_FILES = ("file", "image", "texture", "opacity", "emission_texture", "transfer")
 #: Keys that may be given many times.
 _TABLES = ("camera", "light", "mesh", "volume")
 
@@ -60,10 +61,17 @@ def _with_files(kind: str, table: Mapping[str, Any], path: Path) -> dict[str, An
     if kind == "mesh" and "vertices" in found:
         vertices, triangles = found.pop("vertices"), found.pop("triangles")
         found["file"] = _write_ply(path.with_suffix(".ply"), vertices, triangles)
+    if kind == "light" and isinstance(found.get("image"), np.ndarray):
+        found["image"] = _write_sky(path.with_suffix(".exr"), found["image"])
+    if isinstance(found.get("emission"), Mapping):
+        found["emission"] = _with_files("emission", found["emission"], path)
     for name in _FILES:
         value = found.get(name)
-        if value is not None and not str(value).startswith("builtin:"):
-            found[name] = str(Path(value).absolute())
+        if isinstance(value, (str, PurePath)):
+            if not str(value).startswith("builtin:"):
+                found[name] = str(Path(value).absolute())
+        elif isinstance(value, np.ndarray) and value.ndim > 0:
+            raise TypeError(f"{name} of a {kind}: expected the name of a file, found an array")
     return found
 
 
@@ -111,9 +119,18 @@ def _write_nrrd(path: Path, density: Any) -> str:
     return str(path)
 
 
+def _write_sky(path: Path, image: Any) -> str:
+    """Writes height x width x 3 as the image of an environment."""
+    try:
+        write_exr(path, image)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"image of a light: {error}") from error
+    return str(path)
+
+
 def _write_ply(path: Path, vertices: Any, triangles: Any) -> str:
     """Writes a mesh of N x 3 positions and M x 3 indices."""
-    points = np.asarray(vertices, dtype="<f4")
+    points = np.asarray(vertices, dtype="<f8")
     corners = np.asarray(triangles)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"vertices: expected N x 3, found the shape {points.shape}")
@@ -125,7 +142,7 @@ def _write_ply(path: Path, vertices: Any, triangles: Any) -> str:
     faces["n"], faces["v"] = 3, corners
     head = (
         "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element vertex {len(points)}\nproperty double x\nproperty double y\nproperty double z\n"
         f"element face {len(corners)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     path.write_bytes(head.encode() + points.tobytes() + faces.tobytes())

@@ -54,6 +54,27 @@ class Rendering(unittest.TestCase):
         # Only its right quarter is filled, which is right of the middle.
         self.assertGreater(changed[8:24, 30:44].mean(), 2 * changed[8:24, 4:18].mean())
 
+    def test_a_mesh_far_from_the_origin_is_as_sharp(self):
+        away = np.array([500000.0, 4649776.0, 100.0])
+        corners = np.array([[-0.37, 0.013, -0.41], [0.43, 0.017, -0.39], [0.41, 0.31, 0.37], [-0.39, 0.29, 0.43]])
+
+        def seen(place):
+            mesh = {"vertices": corners + place, "triangles": np.array([[0, 2, 1], [0, 3, 2]])}
+            camera = {"position": list(place + [0.3, 1.2, 2]), "target": list(place + [0, 0.1, 0]), "fov_x_deg": 25}
+            return lvox.render({**ROOM, "camera": camera, "mesh": mesh}, **FAST)["beauty"]
+
+        near = seen(np.zeros(3))
+        self.assertGreater(float(near.mean()), 0.02)
+        self.assertLess(lvox.compare(seen(away), near)["relmse"], 0.003)
+
+    def test_an_array_is_the_sky(self):
+        image = np.full((8, 16, 3), (0.1, 0.5, 0.2), np.float32)
+        sky = {"type": "environment", "image": image}
+        found = lvox.render({**ROOM, "light": sky}, **FAST)["beauty"]
+        np.testing.assert_allclose(found[0, 0], (0.1, 0.5, 0.2), rtol=1e-4)
+        with self.assertRaisesRegex(ValueError, "image of a light: expected height x width x 3"):
+            lvox.render({"light": {"type": "environment", "image": image[0]}})
+
     def test_one_tree_serves_frames_and_gathers(self):
         with tempfile.TemporaryDirectory() as folder:
             tree = lvox.tree(ROOM, Path(folder) / "room.lvt", bounces=1, surfels=3000)
@@ -155,6 +176,25 @@ class Scenes(unittest.TestCase):
         for wrong in (float("nan"), object()):
             with self.assertRaises((TypeError, ValueError)):
                 to_toml({"film": {"exposure": wrong}}, Path("."))
+
+    def test_names_of_files_are_those_of_the_working_directory(self):
+        here = Path.cwd()
+        text = to_toml(
+            {
+                "mesh": [
+                    {"file": "builtin:cube", "opacity": "mask.png", "emission_texture": Path("tex.png")},
+                    {"file": "a.ply", "texture": "tex.png", "opacity": 0.5},
+                ],
+                "volume": {"file": "smoke.raw", "emission": {"file": "fire.raw", "scale": 2}},
+            },
+            Path("elsewhere"),
+        )
+        for name in ("mask.png", "tex.png", "a.ply", "smoke.raw", "fire.raw"):
+            self.assertIn(f'"{here / name}"', text)
+        self.assertIn("opacity = 0.5\n", text)
+        self.assertIn('"builtin:cube"', text)
+        with self.assertRaisesRegex(TypeError, "^texture of a mesh: expected the name of a file, found an array$"):
+            to_toml({"mesh": {"file": "a.obj", "texture": np.zeros((4, 4, 3))}}, Path("."))
 
 
 if __name__ == "__main__":
