@@ -324,7 +324,7 @@ def meshes(folder, name, known, left_out):
         obj.hide_render = True
     bpy.ops.export_scene.gltf(
         filepath=path, export_format="GLB", use_renderable=True, export_cameras=False, export_lights=False,
-        export_animations=False, export_apply=True, export_yup=True,
+        export_animations=False, export_current_frame=True, export_apply=True, export_yup=True,
     )
     for obj in left_out:
         obj.hide_render = False

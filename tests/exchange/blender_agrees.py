@@ -108,6 +108,26 @@ def glow():
     bpy.context.object.data.materials.append(made)
 
 
+def keyed(owner, name, *values):
+    """A value that changes from frame 1 to frame 9."""
+    for frame, value in zip((1, 9), values):
+        setattr(owner, name, value)
+        owner.keyframe_insert(name, frame=frame)
+
+
+def moving():
+    """A plane that moves and emits, a lamp and a camera that change, at frame 9."""
+    glow()
+    plane = bpy.context.object
+    keyed(plane, "location", (-1.5, 1, 0.8), (1.5, 0.4, 1.2))
+    emission = plane.data.materials[0].node_tree.nodes["Emission"]
+    keyed(emission.inputs["Strength"], "default_value", 0, 6)
+    lamp("SUN", 0)
+    keyed(bpy.data.objects["SUN"].data, "energy", 0, 1.5)
+    keyed(bpy.context.scene.camera, "location", (2, -5.5, 2.4), (0.5, -5.5, 2.4))
+    bpy.context.scene.frame_set(9)
+
+
 def unseen():
     """Lamps and a plane in the picture, and a world, none of which the camera sees."""
     towards = (math.radians(-90), 0, 0)
@@ -310,6 +330,7 @@ rows = [
     ("ball", lambda: lamp("POINT", 200, (0.4, -0.5, 2), shadow_soft_size=0.4, use_soft_falloff=False), 0.03),
     ("unseen", unseen, 0.03),
     ("glow", glow, 0.05),
+    ("moving", moving, 0.05),
     ("sky", sky_image, 0.03),
     ("smoke", smoke, 0.05),
     ("fire", fire, 0.05),
