@@ -20,7 +20,6 @@ import hashlib
 import math
 import os
 import re
-import shutil
 import sys
 
 import bpy
@@ -31,7 +30,7 @@ from mathutils import Matrix, Vector
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import blender_media  # noqa: E402
 from blender_media import feed, output, rows  # noqa: E402
-from scene_text import frames_of, table, text, warn  # noqa: E402
+from scene_text import copied, frames_of, table, text, warn  # noqa: E402
 
 # Blender is z-up, glTF and lvox are y-up.
 Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
@@ -259,9 +258,7 @@ def sky_file(image, folder):
     path = bpy.path.abspath(image.filepath)
     kind = os.path.splitext(path)[1].lower()
     if kind in (".exr", ".hdr") and os.path.exists(path):
-        name = "sky" + kind
-        shutil.copyfile(path, os.path.join(folder, name))
-        return name
+        return copied(path, folder, "sky" + kind)
     # In Blender's memory, or of another format.
     width, height = image.size
     texels = np.empty(width * height * 4, np.float32)

@@ -7,13 +7,12 @@ albedo what is scattered of it.
 """
 import math
 import os
-import shutil
 from dataclasses import dataclass, field
 
 import bpy
 from mathutils import Matrix, Vector
 
-from scene_text import table, warn
+from scene_text import copied, table, warn
 
 # Voxels of an even medium along the longest edge of its box: what light inside is resolved by.
 EVEN_VOXELS = 32
@@ -331,10 +330,7 @@ def volume(obj, folder, to_world):
     media = Reader(slots[0], grids).media() if slots else plain
     if not media:
         return ""
-    name = os.path.basename(path)
-    target = os.path.join(folder, name)
-    if os.path.abspath(target) != os.path.abspath(path):
-        shutil.copyfile(path, target)
+    name = copied(path, folder)
     # A volume that is larger is as opaque, unless it is said to be in the world.
     size = 1.0
     if data.render.space == "OBJECT":

@@ -1,9 +1,13 @@
 """What exporters share: scene files as text, warnings, ranges of frames."""
 
 import json
+import os
+import shutil
 import sys
 
 told = set()
+# Names of files in the folder of the export, by where they come from.
+copies = {}
 
 
 def warn(what):
@@ -11,6 +15,23 @@ def warn(what):
     if what not in told:
         told.add(what)
         print("warning: " + what, file=sys.stderr)
+
+
+def copied(path, folder, name=None):
+    """The name in the folder of a copy of a file: the same file once, others of its name numbered apart."""
+    path = os.path.realpath(path)
+    if path in copies:
+        return copies[path]
+    name = name or os.path.basename(path)
+    stem, kind = os.path.splitext(name)
+    count = 2
+    while name in copies.values():
+        name, count = f"{stem}.{count}{kind}", count + 1
+    copies[path] = name
+    target = os.path.join(folder, name)
+    if os.path.realpath(target) != path:
+        shutil.copyfile(path, target)
+    return name
 
 
 def text(value):

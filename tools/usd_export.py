@@ -16,12 +16,11 @@ import argparse
 import hashlib
 import math
 import os
-import shutil
 import struct
 import sys
 
 from pxr import Gf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, UsdVol
-from scene_text import frames_of, table, text, warn
+from scene_text import copied, frames_of, table, text, warn
 
 
 def columns(matrix):
@@ -110,7 +109,7 @@ class Export:
             if source and source.GetIdAttr().Get() == "UsdUVTexture":
                 file = self.input(source, "file")[0]
                 if file and file.resolvedPath:
-                    texture, albedo = self.copied(file.resolvedPath), [1.0] * 3
+                    texture, albedo = copied(file.resolvedPath, self.folder), [1.0] * 3
             value, source = self.input(shader, "emissiveColor")
             if value is not None and max(value) > 0:
                 emission = list(value)
@@ -137,13 +136,6 @@ class Export:
                 return None, source
             return attribute.Get(self.time), None
         return found.Get(self.time), None
-
-    def copied(self, path):
-        name = os.path.basename(path)
-        target = os.path.join(self.folder, name)
-        if os.path.abspath(path) != os.path.abspath(target):
-            shutil.copyfile(path, target)
-        return name
 
     def builtin(self, prim, file, size):
         place = Gf.Matrix4d().SetScale(size) * self.world(prim)
@@ -241,7 +233,7 @@ class Export:
             keys = {"type": "environment", "radiance": color}
             if file and file.resolvedPath:
                 ahead = world.TransformDir(Gf.Vec3d(0, 0, 1))
-                keys |= {"image": self.copied(file.resolvedPath)}
+                keys |= {"image": copied(file.resolvedPath, self.folder)}
                 keys["rotate_deg"] = math.degrees(math.atan2(ahead[0], ahead[2]))
                 if UsdGeom.GetStageUpAxis(self.stage) == "Z" or abs(ahead[1]) > 1e-6:
                     warn(f"{prim.GetPath()}: a sky that is turned about another axis than y is not turned so")
@@ -284,7 +276,7 @@ class Export:
             if not file or not file.resolvedPath:
                 warn(f"{prim.GetPath()}: the file of its density is not there: it is left out")
                 continue
-            keys = {"file": self.copied(file.resolvedPath), "name": prim.GetName()}
+            keys = {"file": copied(file.resolvedPath, self.folder), "name": prim.GetName()}
             keys["grid"] = asset.GetFieldNameAttr().Get(self.time) or "density"
             keys |= {"sigma_t_scale": self.density, "albedo": [0.9, 0.9, 0.9], "transform": columns(self.world(prim))}
             out.append(table("[[volume]]", keys))

@@ -239,6 +239,22 @@ def puff(tinted):
     made.data.materials.append(look)
 
 
+def namesakes():
+    """Two balls of fog, of files that are named alike."""
+    bpy.data.objects.remove(booth())
+    away = np.sqrt((((np.indices((24, 24, 24)) + 0.5) / 12 - 1) ** 2).sum(0))
+    ball = np.clip((1 - away) * 3, 0, 1).astype(np.float32)
+    for folder, place, depth in (("here", -1.1, 0.4), ("there", 0.3, 1.0)):
+        grid = openvdb.FloatGrid()
+        grid.name, grid.transform = "density", openvdb.createLinearTransform(voxelSize=0.04)
+        grid.copyFromArray(depth * ball)
+        path = os.path.join(out, folder, "fog.vdb")
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        openvdb.write(path, grids=[grid])
+        bpy.ops.object.volume_import(filepath=path, location=(place, 0, -0.5))
+        bpy.context.object.data.materials.append(material("fog", "ShaderNodeVolumePrincipled", Density=3.0))
+
+
 def cycles(path, bounces):
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
@@ -343,13 +359,14 @@ rows = [
     ("mix", lambda: box_of(SCATTER, ABSORPTION, join="ShaderNodeMixShader"), 0.05, DEEP),
     ("puff", lambda: puff(False), 0.05, DEEP),
     ("tinted", lambda: puff(True), 0.05, DEEP),
+    ("namesakes", namesakes, 0.05, DEEP),
 ]
 if not os.path.exists(vdb):
     print("SKIPPED: tests/exchange/run.sh: smoke of Blender needs ../shared/data/smoke.vdb")
     rows = [row for row in rows if row[0] not in ("smoke", "fire")]
 if openvdb is None:
     print("SKIPPED: tests/exchange/run.sh: volumes of Blender need a bpy that has openvdb")
-    rows = [row for row in rows if row[0] not in ("puff", "tinted")]
+    rows = [row for row in rows if row[0] not in ("puff", "tinted", "namesakes")]
 wanted = sys.argv[4:]
 results = [compared(*row) for row in rows if not wanted or row[0] in wanted]
 if not wanted or "frames" in wanted:
