@@ -7,6 +7,7 @@ albedo what is scattered of it.
 """
 import math
 import os
+import re
 from dataclasses import dataclass, field
 
 import bpy
@@ -17,6 +18,8 @@ from scene_text import copied, table, warn
 # Voxels of an even medium along the longest edge of its box: what light inside is resolved by.
 EVEN_VOXELS = 32
 MOST_G = 0.99
+# Blender is z-up, lvox is y-up.
+Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 
 
 @dataclass
@@ -60,6 +63,12 @@ def feed(socket):
             return fed
         socket = fed.node.inputs[0]
     return None
+
+
+def source(socket):
+    """The node that a socket is fed from, if any, through reroutes."""
+    fed = feed(socket)
+    return fed.node if fed else None
 
 
 def output(tree, kind="OUTPUT_MATERIAL"):
@@ -334,7 +343,7 @@ def volume(obj, folder, to_world):
     # A volume that is larger is as opaque, unless it is said to be in the world.
     size = 1.0
     if data.render.space == "OBJECT":
-        size = (obj.matrix_world.to_3x3() @ Vector((1, 1, 1)).normalized()).length
+        size = (to_world.to_3x3() @ Vector((1, 1, 1)).normalized()).length
     place = {"transform": rows(to_world)}
     return "".join(
         table("[[volume]]", {"file": name, "name": obj.name, "grid": medium.grid} | medium.keys(size) | place)
@@ -342,28 +351,27 @@ def volume(obj, folder, to_world):
     )
 
 
-def filling(obj):
-    """The material of a mesh that has nothing but a volume."""
-    for slot in obj.material_slots:
-        tree = slot.material.node_tree if slot.material else None
+def filling(materials):
+    """The one of a mesh's materials that has nothing but a volume."""
+    for material in materials:
+        tree = material.node_tree if material else None
         out = output(tree) if tree else None
         if out is None or not out.inputs["Volume"].is_linked:
             continue
         surface = feed(out.inputs["Surface"])
         if surface is None or surface.node.type == "BSDF_TRANSPARENT":
-            return slot.material
-        warn(f"material {slot.material.name}: the volume within its surface is left out")
+            return material
+        warn(f"material {material.name}: the volume within its surface is left out")
     return None
 
 
-def box(obj, material, folder, to_world):
-    """The tables of a mesh that is filled with an even medium, if it is a box."""
-    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+def box(name, mesh, material, folder, to_world):
+    """The tables of an object whose mesh is filled with an even medium, if it is a box."""
     corners = {tuple(vertex.co) for vertex in mesh.vertices}
     low, high = ([pick(axis) for axis in zip(*corners)] for pick in (min, max)) if corners else ([], [])
     is_box = len(corners) == 8 and all(c in pair for corner in corners for c, pair in zip(corner, zip(low, high)))
     if not is_box:
-        warn(f"object {obj.name}: a medium in a mesh that is not a box is left out")
+        warn(f"object {name}: a medium in a mesh that is not a box is left out")
         return ""
     size = Vector(high) - Vector(low)
     world_from_unitcube = to_world @ Matrix.Translation(Vector(low)) @ Matrix.Diagonal((*size, 1))
@@ -371,10 +379,10 @@ def box(obj, material, folder, to_world):
     if min(edges) <= 0:
         return ""
     dims = [max(2, math.ceil(EVEN_VOXELS * edge / max(edges) - 1e-4)) for edge in edges]
-    name = "even-" + "x".join(map(str, dims)) + ".raw"
-    with open(os.path.join(folder, name), "wb") as file:
+    brick = "even-" + "x".join(map(str, dims)) + ".raw"
+    with open(os.path.join(folder, brick), "wb") as file:
         file.write(bytes([1]) * math.prod(dims))
-    keys = {"file": name, "name": obj.name, "dims": dims, "dtype": "u8"}
+    keys = {"file": brick, "name": name, "dims": dims, "dtype": "u8"}
     place = {"unitcube_to_world": rows(world_from_unitcube)}
     media = Reader(material, frozenset()).media()
     return "".join(table("[[volume]]", keys | medium.keys() | place) for medium in media)
@@ -382,3 +390,9 @@ def box(obj, material, folder, to_world):
 
 def rows(matrix):
     return [[matrix[i][j] for j in range(4)] for i in range(3)] + [[0, 0, 0, 1]]
+
+
+def grouped(obj, keys):
+    """With the light group that an object or a world is in."""
+    name = re.sub("[^A-Za-z0-9_-]", "_", getattr(obj, "lightgroup", ""))
+    return keys | {"group": name} if name else keys

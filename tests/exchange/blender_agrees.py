@@ -128,6 +128,71 @@ def moving():
     bpy.context.scene.frame_set(9)
 
 
+def instances():
+    """A block and a lamp of a collection, cubes that geometry nodes and particles place, and metaballs."""
+    scene, group = bpy.context.scene, bpy.data.collections.new("group")
+    background().inputs["Color"].default_value = (0.2, 0.25, 0.3, 1)
+    lamp("POINT", 30, place=(0, -0.5, 0.8), shadow_soft_size=0)
+    parts = [scene.objects["POINT"]]
+    for made, color in (("block", (0.2, 0.6, 0.3, 1)), ("grain", (0.8, 0.3, 0.2, 1))):
+        bpy.ops.mesh.primitive_cube_add(size=0.3, location=(0, 0, 0.15))
+        bpy.context.object.data.materials.append(material(made, "ShaderNodeBsdfDiffuse", Color=color))
+        parts.append(bpy.context.object)
+    for part in parts[:2]:
+        scene.collection.objects.unlink(part)
+        group.objects.link(part)
+    parts[2].location.z = -9
+    for x, stretch in ((-1.6, (1, 1, 2)), (0.1, (2, 1, 1)), (1.8, (-1, 1, 1))):
+        made = bpy.data.objects.new("copy", None)
+        made.instance_type, made.instance_collection = "COLLECTION", group
+        made.location, made.rotation_euler, made.scale = (x, -1.2, 0), (0, 0, x), stretch
+        scene.collection.objects.link(made)
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2, size=1.5, location=(-2, 1.6, 0.6))
+    bpy.context.object.modifiers.new("points", "NODES").node_group = on_points(parts[2])
+    bpy.ops.mesh.primitive_plane_add(size=1.5, location=(2, 1.6, 0.6))
+    bpy.context.object.modifiers.new("grains", "PARTICLE_SYSTEM")
+    grains = bpy.context.object.particle_systems[0].settings
+    grains.type, grains.count, grains.render_type, grains.instance_object = "HAIR", 9, "OBJECT", parts[2]
+    grains.use_advanced_hair, grains.particle_size = True, 0.7
+    bpy.ops.object.metaball_add(radius=0.5, location=(0, 1.8, 0.5))
+
+
+def on_points(what):
+    """Nodes that put an object on each point of a mesh, in its place."""
+    tree = bpy.data.node_groups.new("points", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo", "NodeGroupOutput")
+    mesh, copies, info, end = [tree.nodes.new(kind) for kind in kinds]
+    info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = what, True
+    tree.links.new(mesh.outputs[0], copies.inputs["Points"])
+    tree.links.new(info.outputs["Geometry"], copies.inputs["Instance"])
+    tree.links.new(copies.outputs[0], end.inputs[0])
+    return tree
+
+
+def as_rendered():
+    """What the viewport shows otherwise: what is hidden there, or only in renders, and modifiers."""
+    scene, off = bpy.context.scene, bpy.data.collections.new("off")
+    background().inputs["Color"].default_value = (0.2, 0.25, 0.3, 1)
+    lamp("SUN", 3)
+    ball = scene.objects["Icosphere"]
+    smooth = ball.modifiers.new("smooth", "SUBSURF")
+    smooth.levels, smooth.render_levels = 0, 1
+    block = scene.objects["Cube"]
+    row = block.modifiers.new("row", "ARRAY")
+    row.count, row.relative_offset_displace, row.show_viewport = 2, (0, 0, 1.1), False
+    for hidden in (block, scene.objects["SUN"]):
+        hidden.hide_set(True)
+    scene.collection.children.link(off)
+    lamp("POINT", 500, shadow_soft_size=0)
+    bpy.ops.mesh.primitive_cube_add(location=(0, -1, 0.5))
+    for made in (scene.objects["POINT"], bpy.context.object):
+        scene.collection.objects.unlink(made)
+        off.objects.link(made)
+    off.hide_render = True
+
+
 def unseen():
     """Lamps and a plane in the picture, and a world, none of which the camera sees."""
     towards = (math.radians(-90), 0, 0)
@@ -347,6 +412,8 @@ rows = [
     ("unseen", unseen, 0.03),
     ("glow", glow, 0.05),
     ("moving", moving, 0.05),
+    ("instances", instances, 0.03),
+    ("as_rendered", as_rendered, 0.03),
     ("sky", sky_image, 0.03),
     ("smoke", smoke, 0.05),
     ("fire", fire, 0.05),
