@@ -193,6 +193,41 @@ def as_rendered():
     off.hide_render = True
 
 
+def fed_by(look, key, kind, value):
+    """A node of one value before a socket of a material's first node but the output."""
+    made = look.node_tree.nodes.new(kind)
+    made.outputs[0].default_value = value
+    look.node_tree.links.new(made.outputs[0], look.node_tree.nodes[1].inputs[key])
+    return look
+
+
+def joined(look, kind, second, share=None):
+    """A material's first node with another, added or mixed, where the share is that of the first."""
+    tree = look.node_tree
+    both, other, end = tree.nodes.new(kind), tree.nodes.new(second), tree.nodes[0]
+    tree.links.new(tree.nodes[1].outputs[0], both.inputs[-1])
+    tree.links.new(other.outputs[0], both.inputs[-2])
+    tree.links.new(both.outputs[0], end.inputs["Surface"])
+    if share is not None:
+        both.inputs[0].default_value = share
+    return other
+
+
+def mixtures():
+    """Diffuse and emission, what is there in part, and values and colours of nodes."""
+    background().inputs["Color"].default_value = (0.2, 0.25, 0.3, 1)
+    red = {"Color": (0.8, 0.2, 0.1, 1)}
+    part = material("part", "ShaderNodeBsdfDiffuse", **red)
+    joined(part, "ShaderNodeMixShader", "ShaderNodeBsdfTransparent", 0.4)
+    both = material("both", "ShaderNodeBsdfDiffuse", **red)
+    joined(both, "ShaderNodeAddShader", "ShaderNodeEmission").inputs["Strength"].default_value = 0.7
+    lit = fed_by(material("lit", "ShaderNodeEmission", **red), "Strength", "ShaderNodeValue", 3)
+    blue = fed_by(material("blue", "ShaderNodeBsdfDiffuse", **red), "Color", "ShaderNodeRGB", (0.1, 0.2, 0.8, 1))
+    for i, look in enumerate((part, both, lit, blue)):
+        bpy.ops.mesh.primitive_plane_add(size=0.9, location=(i - 1.4, -1.5, 0.6), rotation=(1.2, 0, 0.2))
+        bpy.context.object.data.materials.append(look)
+
+
 def unseen():
     """Lamps and a plane in the picture, and a world, none of which the camera sees."""
     towards = (math.radians(-90), 0, 0)
@@ -359,7 +394,11 @@ def blocks(image):
 
 def export(blend, folder, *more):
     script = os.path.join(here, "../../tools/blender_export.py")
-    subprocess.run([sys.executable, script, blend, "-o", folder, *more], check=True, stdout=subprocess.DEVNULL)
+    words = [sys.executable, script, blend, "-o", folder, *more]
+    done = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if done.returncode:
+        sys.exit(done.stderr)
+    return done.stderr
 
 
 def compared(name, make, limit, bounces=1):
@@ -402,6 +441,35 @@ def frames():
     return is_right
 
 
+def told():
+    """What an export leaves out has a line each that names it."""
+    scene = stage()
+    scene.render.pixel_aspect_x, scene.cycles.film_exposure, scene.view_settings.exposure = 2, 3, 1
+    lamp("POINT", 30, shadow_soft_size=0, use_shadow=False)
+    names = ("Cube", "Icosphere", "Plane")
+    block, ball, floor = (scene.objects[name] for name in names)
+    block.is_holdout, ball.visible_shadow = True, False
+    floor.modifiers.new("fur", "PARTICLE_SYSTEM")
+    floor.particle_systems[0].settings.type = "HAIR"
+    look = material("wood", "ShaderNodeBsdfDiffuse")
+    noise, change = look.node_tree.nodes.new("ShaderNodeTexNoise"), look.node_tree.nodes.new("ShaderNodeHueSaturation")
+    look.node_tree.links.new(noise.outputs["Color"], change.inputs["Color"])
+    look.node_tree.links.new(change.outputs[0], look.node_tree.nodes[1].inputs["Color"])
+    floor.data.materials[0] = look
+    ball.data.materials[0] = material("silk", "ShaderNodeBsdfSheen", Color=(0.3, 0.4, 0.5, 1))
+    blend, folder = os.path.join(out, "told.blend"), os.path.join(out, "told")
+    bpy.ops.wm.save_as_mainfile(filepath=blend)
+    lines = export(blend, folder).splitlines()
+    wanted = ["object Cube: it is drawn", "object Icosphere: it meets shadows", "light POINT: it casts shadows"]
+    wanted += ["pixels that are not square", "object Plane: the hair of", "material wood: the Hue/Saturation"]
+    wanted += ["material wood: the Noise Texture", "material silk: Sheen BSDF is taken as diffuse"]
+    missing = [what for what in wanted if sum("warning: " + what in line for line in lines) != 1]
+    with open(os.path.join(folder, "told.toml")) as file:
+        missing += [] if "exposure = 6\n" in file.read() else ["exposure"]
+    print(f"told: {len(wanted)} lines" if not missing else f"FAILED: told: not once: {', '.join(missing)}")
+    return not missing
+
+
 rows = [
     ("sun", lambda: lamp("SUN", 3, angle=math.radians(8)), 0.03),
     ("point", lambda: lamp("POINT", 400, shadow_soft_size=0.0), 0.03),
@@ -414,6 +482,7 @@ rows = [
     ("moving", moving, 0.05),
     ("instances", instances, 0.03),
     ("as_rendered", as_rendered, 0.03),
+    ("mixtures", mixtures, 0.03),
     ("sky", sky_image, 0.03),
     ("smoke", smoke, 0.05),
     ("fire", fire, 0.05),
@@ -438,5 +507,7 @@ wanted = sys.argv[4:]
 results = [compared(*row) for row in rows if not wanted or row[0] in wanted]
 if not wanted or "frames" in wanted:
     results.append(frames())
+if not wanted or "told" in wanted:
+    results.append(told())
 print(f"\n{sum(results)} passed, {len(results) - sum(results)} failed")
 sys.exit(not all(results))
