@@ -6,10 +6,11 @@
 Writes folder/NAME.toml, or with --frames NAME.0001.toml, ... for
 `lvox render folder/NAME.####.toml --frames 1-10 -o out.####.exr`. Meshes that do not change share a file.
 
-Taken are: meshes, cubes and spheres, with instances, as they are in the world, with displayColor or the diffuse and
-emissive colour and the diffuse texture of UsdPreviewSurface; cameras; DistantLight, DomeLight (of a colour or a lat-long
-image), RectLight, DiskLight and SphereLight, whose shapes emit and are seen by the camera; OpenVDB fields of volumes, with
---density as the extinction where a value is 1. Polygons are cut by lvox; subdivision, curves, points and skinning are
+Taken are: meshes, cubes and spheres, with instances and point instancers, as they are in the world, with displayColor or
+the diffuse and emissive colours and textures of UsdPreviewSurface; cameras with their depth of field; DistantLight,
+DomeLight (of a colour or a lat-long image), RectLight, DiskLight and SphereLight, whose shapes emit and are seen by the
+camera, or which with a cone are spots; meshes that are lights; OpenVDB fields of volumes, with --density as the
+extinction where a value is 1. Polygons are cut by lvox; subdivision, curves, points and skinning are
 left out, as all else that is told on stderr.
 """
 import argparse
@@ -38,35 +39,80 @@ class Export:
     def write(self, name, time):
         self.time = time
         self.cache = UsdGeom.XformCache(time)
-        stage = self.stage
-        purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
-        cameras, meshes, lights, volumes = [], [], [], []
-        for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
-            image = UsdGeom.Imageable(prim)
-            if not image or image.ComputeVisibility(time) == "invisible" or image.ComputePurpose() not in purposes:
-                continue
-            if prim.IsA(UsdGeom.Camera):
-                cameras.append(self.camera(prim))
-            elif prim.IsA(UsdGeom.Mesh):
-                meshes += self.mesh(prim)
-            elif prim.IsA(UsdGeom.Cube):
-                size = UsdGeom.Cube(prim).GetSizeAttr().Get(time)
-                meshes.append(self.builtin(prim, "builtin:cube", size))
-            elif prim.IsA(UsdGeom.Sphere):
-                radius = UsdGeom.Sphere(prim).GetRadiusAttr().Get(time)
-                meshes.append(self.builtin(prim, "builtin:sphere", 2 * radius))
-            elif prim.HasAPI(UsdLux.LightAPI):
-                kind, told_light = self.light(prim)
-                (lights if kind == "light" else meshes).append(told_light)
-            elif prim.IsA(UsdVol.Volume):
-                volumes += self.volume(prim)
-            elif prim.IsA(UsdGeom.Gprim):
-                warn(f"{prim.GetPath()}: a {prim.GetTypeName()} is left out")
+        # The prototype that is walked, and where its instance stands.
+        self.prototype = None
+        self.tables = {"camera": [], "mesh": [], "light": [], "volume": []}
+        self.walk(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
         # A stage without light is dark.
-        lights = lights or [table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})]
-        out = f"name = {text(name)}\n" + self.film() + "".join(cameras + meshes + lights + volumes)
+        lights = self.tables["light"] or [table("[[light]]", {"type": "environment", "radiance": [0, 0, 0]})]
+        parts = self.tables["camera"] + self.tables["mesh"] + lights + self.tables["volume"]
         with open(os.path.join(self.folder, name + ".toml"), "w") as file:
-            file.write(out)
+            file.write(f"name = {text(name)}\n" + self.film() + "".join(parts))
+
+    def walk(self, root, predicate):
+        """Adds the tables of a prim and of all below it."""
+        walk = iter(Usd.PrimRange(root, predicate))
+        for prim in walk:
+            image = UsdGeom.Imageable(prim)
+            is_instancer = prim.IsA(UsdGeom.PointInstancer)
+            if is_instancer:
+                # Its prototypes are drawn where it puts them alone.
+                walk.PruneChildren()
+            if not image or not self.is_drawn(image):
+                continue
+            if is_instancer:
+                self.instances(prim)
+            else:
+                self.add(prim)
+
+    def is_drawn(self, image):
+        if self.prototype is None:
+            is_visible = image.ComputeVisibility(self.time) != "invisible"
+        else:
+            # What hides the place where a prototype is kept hides no instance.
+            is_visible, prim = True, image.GetPrim()
+            while is_visible and prim:
+                shown = UsdGeom.Imageable(prim)
+                is_visible = not shown or shown.GetVisibilityAttr().Get(self.time) != "invisible"
+                prim = None if prim == self.prototype[0] else prim.GetParent()
+        return is_visible and image.ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+
+    def instances(self, prim):
+        instancer = UsdGeom.PointInstancer(prim)
+        roots = [self.stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
+        kinds = instancer.GetProtoIndicesAttr().Get(self.time) or []
+        all_of_them = UsdGeom.PointInstancer.IgnoreMask
+        places = instancer.ComputeInstanceTransformsAtTime(self.time, self.time, applyMask=all_of_them)
+        mask = instancer.ComputeMaskAtTime(self.time) or [True] * len(kinds)
+        if len(places) != len(kinds) or max(kinds, default=-1) >= len(roots):
+            warn(f"{prim.GetPath()}: its instances are left out, as its arrays do not fit together")
+            return
+        outer, world = self.prototype, self.world(prim)
+        for kind, place, is_there in zip(kinds, places, mask):
+            if is_there and roots[kind]:
+                self.prototype = (roots[kind], place * world)
+                # Prototypes may be classes, or overs.
+                self.walk(roots[kind], Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded))
+        self.prototype = outer
+
+    def add(self, prim):
+        tables, time = self.tables, self.time
+        if prim.IsA(UsdGeom.Camera):
+            tables["camera"].append(self.camera(prim))
+        elif prim.IsA(UsdGeom.Mesh):
+            tables["mesh"] += self.mesh(prim)
+        elif prim.IsA(UsdGeom.Cube):
+            tables["mesh"].append(self.builtin(prim, "builtin:cube", UsdGeom.Cube(prim).GetSizeAttr().Get(time)))
+        elif prim.IsA(UsdGeom.Sphere):
+            size = 2 * UsdGeom.Sphere(prim).GetRadiusAttr().Get(time)
+            tables["mesh"].append(self.builtin(prim, "builtin:sphere", size))
+        elif prim.HasAPI(UsdLux.LightAPI):
+            kind, told_light = self.light(prim)
+            tables[kind].append(told_light)
+        elif prim.IsA(UsdVol.Volume):
+            tables["volume"] += self.volume(prim)
+        elif prim.IsA(UsdGeom.Gprim):
+            warn(f"{prim.GetPath()}: a {prim.GetTypeName()} is left out")
 
     def film(self):
         size = (640, 480)
@@ -77,7 +123,10 @@ class Export:
         return table("[film]", {"width": int(size[0]), "height": int(size[1])})
 
     def world(self, prim):
-        return self.cache.GetLocalToWorldTransform(prim) * self.y_up
+        if self.prototype is None:
+            return self.cache.GetLocalToWorldTransform(prim) * self.y_up
+        root, place = self.prototype
+        return self.cache.ComputeRelativeTransform(prim, root)[0] * place
 
     def camera(self, prim):
         found = UsdGeom.Camera(prim).GetCamera(self.time)
@@ -87,42 +136,58 @@ class Export:
         place = self.world(prim).RemoveScaleShear()
         fov = found.GetFieldOfView(Gf.Camera.FOVHorizontal)
         keys = {"name": prim.GetName(), "camera_to_world": columns(place), "fov_x_deg": fov}
+        if found.fStop > 0 and found.focusDistance > 0:
+            # The focal length is in tenths of a unit, over the f-stop it is the width of the lens.
+            keys["aperture"] = found.focalLength * Gf.Camera.FOCAL_LENGTH_UNIT / found.fStop / 2
+            keys["focus_distance"] = found.focusDistance
         return table("[[camera]]", keys)
 
     # ------------------------------------------------------------------------------------------------ surfaces
 
     def look(self, prim):
-        """Albedo, emission and texture."""
-        albedo, emission, texture = [0.5] * 3, None, None
+        """What a mesh has of its material: albedo or texture, emission and its texture."""
         shown = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(self.time) if prim.IsA(UsdGeom.Gprim) else None
-        if shown:
-            if len(shown) > 1:
-                warn(f"{prim.GetPath()}: of its colours the first is taken")
-            albedo = list(shown[0])
+        if shown and len(shown) > 1:
+            warn(f"{prim.GetPath()}: of its colours the first is taken")
+        keys = {"albedo": list(shown[0]) if shown else [0.5] * 3}
         material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
         shader = material.ComputeSurfaceSource()[0] if material else None
         if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface":
-            albedo = [0.18] * 3
-            value, source = self.input(shader, "diffuseColor")
-            if value is not None:
-                albedo = list(value)
-            if source and source.GetIdAttr().Get() == "UsdUVTexture":
-                file = self.input(source, "file")[0]
-                if file and file.resolvedPath:
-                    texture, albedo = copied(file.resolvedPath, self.folder), [1.0] * 3
-            value, source = self.input(shader, "emissiveColor")
-            if value is not None and max(value) > 0:
-                emission = list(value)
+            color, texture = self.color(shader, "diffuseColor")
+            keys["albedo"] = color or [0.18] * 3
+            if texture:
+                keys["texture"] = texture
+            color, texture = self.color(shader, "emissiveColor")
+            if color and max(color) > 0:
+                keys["emission"] = color
+                if texture:
+                    keys["emission_texture"] = texture
             for key in ("metallic", "opacity"):
                 value, source = self.input(shader, key)
                 if source or (value is not None and value != (key == "opacity")):
                     warn(f"{material.GetPath()}: `{key}` is left out")
         elif shader:
             warn(f"{material.GetPath()}: a surface that is no UsdPreviewSurface is taken by its displayColor")
-        keys = {"albedo": [min(max(c, 0.0), 1.0) for c in albedo]}
-        if emission:
-            keys["emission"] = emission
-        return keys, texture
+        keys["albedo"] = [min(max(c, 0.0), 1.0) for c in keys["albedo"]]
+        return keys
+
+    def color(self, shader, key):
+        """The colour of an input, a factor on the texture if there is one."""
+        value, source = self.input(shader, key)
+        if source is None:
+            return (list(value) if value is not None else None), None
+        if source.GetIdAttr().Get() != "UsdUVTexture":
+            warn(f"{source.GetPath()}: `{key}` of a {source.GetIdAttr().Get()} is left out")
+            return None, None
+        file = self.input(source, "file")[0]
+        if not file or not file.resolvedPath:
+            warn(f"{source.GetPath()}: the file of `{key}` is not there: it is left out")
+            return None, None
+        factor = self.input(source, "scale")[0]
+        bias = self.input(source, "bias")[0]
+        if bias is not None and any(bias):
+            warn(f"{source.GetPath()}: its bias is left out")
+        return (list(factor)[:3] if factor is not None else [1.0] * 3), copied(file.resolvedPath, self.folder)
 
     def input(self, shader, key):
         """The value of an input, and the shader that it comes from."""
@@ -140,7 +205,13 @@ class Export:
     def builtin(self, prim, file, size):
         place = Gf.Matrix4d().SetScale(size) * self.world(prim)
         keys = {"file": file, "name": prim.GetName(), "transform": columns(place)}
-        return table("[[mesh]]", keys | self.look(prim)[0])
+        return table("[[mesh]]", keys | self.untextured(prim, self.look(prim)))
+
+    def untextured(self, prim, look):
+        """A look without the textures, for what has no coordinates for them."""
+        if "texture" in look or "emission_texture" in look:
+            warn(f"{prim.GetPath()}: its texture needs coordinates `st`: it is left out")
+        return {key: value for key, value in look.items() if not key.endswith("texture")}
 
     def mesh(self, prim):
         mesh, time = UsdGeom.Mesh(prim), self.time
@@ -163,23 +234,34 @@ class Export:
             rest -= set(faces)
             parts.append((subset.GetPrim(), faces))
         parts.append((prim, sorted(rest)))
+        emission = self.mesh_light(prim, points, [indices[a:b] for a, b in zip(starts, starts[1:])])
         out = []
         for number, (owner, faces) in enumerate(parts):
             if not faces:
                 continue
-            look, texture = self.look(owner)
-            if owner != prim and not UsdShade.MaterialBindingAPI(owner).ComputeBoundMaterial()[0]:
-                look, texture = self.look(prim)
+            bound = UsdShade.MaterialBindingAPI(owner).ComputeBoundMaterial()[0]
+            look = self.look(owner if bound else prim)
+            look = look if uvs else self.untextured(prim, look)
             name = prim.GetPath().pathString.strip("/").replace("/", "_") + (f".{number}" if subsets else "")
             file = self.ply(name, points, [range(starts[f], starts[f + 1]) for f in faces], indices, uvs, turned)
             keys = {"file": file, "name": name, "transform": columns(self.world(prim))} | look
-            if texture and uvs:
-                keys["texture"] = texture
-                del keys["albedo"]
-            elif texture:
-                warn(f"{prim.GetPath()}: its texture needs coordinates `st`: it is left out")
+            if emission:
+                keys["emission"] = [a * b for a, b in zip(emission, keys.get("emission", [1.0] * 3))]
             out.append(table("[[mesh]]", keys))
         return out
+
+    def mesh_light(self, prim, points, faces):
+        """What a mesh sends as a light, a factor on what its material does."""
+        if not prim.HasAPI(UsdLux.LightAPI):
+            return None
+        color, is_normal = self.strength(prim)
+        if not is_normal:
+            return color
+        world = self.world(prim)
+        at = [world.Transform(Gf.Vec3d(*point)) for point in points]
+        fans = [(at[f[0]], at[b], at[c]) for f in faces for b, c in zip(f[1:], f[2:])]
+        area = sum(Gf.Cross(b - a, c - a).GetLength() / 2 for a, b, c in fans)
+        return [c / area for c in color] if area > 0 else None
 
     def ply(self, name, points, faces, indices, uvs, turned):
         """A binary file of these faces; corners of their own where texture coordinates are of corners."""
@@ -213,14 +295,18 @@ class Export:
 
     # ---------------------------------------------------------------------------------------- lights and volumes
 
-    def light(self, prim):
+    def strength(self, prim):
+        """The light of each direction, or of the whole area if that is said."""
         lamp, time = UsdLux.LightAPI(prim), self.time
         strength = lamp.GetIntensityAttr().Get(time) * 2.0 ** lamp.GetExposureAttr().Get(time)
-        color = [c * strength for c in lamp.GetColorAttr().Get(time)]
         if lamp.GetEnableColorTemperatureAttr().Get(time):
             warn(f"{prim.GetPath()}: its colour temperature is left out")
-        is_normal = lamp.GetNormalizeAttr().Get(time)
-        world = self.world(prim)
+        return [c * strength for c in lamp.GetColorAttr().Get(time)], lamp.GetNormalizeAttr().Get(time)
+
+    def light(self, prim):
+        """Whether it is a light or a mesh that emits, and its table."""
+        time, world = self.time, self.world(prim)
+        color, is_normal = self.strength(prim)
         if prim.IsA(UsdLux.DistantLight):
             half = math.radians(UsdLux.DistantLight(prim).GetAngleAttr().Get(time)) / 2
             # A radiance, unless it is normalized or has no extent.
@@ -229,35 +315,73 @@ class Export:
             keys = {"type": "directional", "direction": list(world.TransformDir(Gf.Vec3d(0, 0, -1)))}
             return "light", table("[[light]]", keys | {"irradiance": color, "angular_radius_deg": math.degrees(half)})
         if prim.IsA(UsdLux.DomeLight):
-            file = UsdLux.DomeLight(prim).GetTextureFileAttr().Get(time)
-            keys = {"type": "environment", "radiance": color}
-            if file and file.resolvedPath:
-                ahead = world.TransformDir(Gf.Vec3d(0, 0, 1))
-                keys |= {"image": copied(file.resolvedPath, self.folder)}
-                keys["rotate_deg"] = math.degrees(math.atan2(ahead[0], ahead[2]))
-                if UsdGeom.GetStageUpAxis(self.stage) == "Z" or abs(ahead[1]) > 1e-6:
-                    warn(f"{prim.GetPath()}: a sky that is turned about another axis than y is not turned so")
-            return "light", table("[[light]]", keys)
-        scale = [world.TransformDir(Gf.Vec3d(*axis)).GetLength() for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        down = Gf.Matrix4d(1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
-        if prim.IsA(UsdLux.RectLight):
-            rect = UsdLux.RectLight(prim)
-            x, y = rect.GetWidthAttr().Get(time), rect.GetHeightAttr().Get(time)
-            file, size, area = "builtin:quad", (x, 1, y), x * scale[0] * y * scale[1]
-        elif prim.IsA(UsdLux.DiskLight):
-            d = 2 * UsdLux.DiskLight(prim).GetRadiusAttr().Get(time)
-            file, size, area = self.disk(), (d, 1, d), math.pi / 4 * d * d * scale[0] * scale[1]
-        elif prim.IsA(UsdLux.SphereLight):
-            d = 2 * UsdLux.SphereLight(prim).GetRadiusAttr().Get(time)
-            file, size, area = "builtin:sphere", (d, d, d), math.pi * (d * scale[0]) ** 2
-        else:
+            return "light", self.dome(prim, color, world)
+        shape = self.lamp_shape(prim, world)
+        if shape is None:
             warn(f"{prim.GetPath()}: a {prim.GetTypeName()} is left out")
+            return "light", ""
+        file, size, area, across = shape
+        if area <= 0:
+            warn(f"{prim.GetPath()}: a light of no size is left out")
             return "light", ""
         if is_normal:
             color = [c / area for c in color]
+        cone = self.cone(prim)
+        if cone:
+            keys = {"type": "spot", "position": list(world.ExtractTranslation())}
+            keys |= {"direction": list(world.TransformDir(Gf.Vec3d(0, 0, -1)))}
+            return "light", table("[[light]]", keys | {"intensity": [c * across for c in color]} | cone)
+        down = Gf.Matrix4d(1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
         place = Gf.Matrix4d().SetScale(Gf.Vec3d(*size)) * down * world
         keys = {"file": file, "name": prim.GetName(), "transform": columns(place), "albedo": [0, 0, 0]}
         return "mesh", table("[[mesh]]", keys | {"emission": color})
+
+    def dome(self, prim, color, world):
+        file = UsdLux.DomeLight(prim).GetTextureFileAttr().Get(self.time)
+        keys = {"type": "environment", "radiance": color}
+        if file and file.resolvedPath:
+            ahead = world.TransformDir(Gf.Vec3d(0, 0, 1))
+            keys |= {"image": copied(file.resolvedPath, self.folder)}
+            keys["rotate_deg"] = math.degrees(math.atan2(ahead[0], ahead[2]))
+            if UsdGeom.GetStageUpAxis(self.stage) == "Z" or abs(ahead[1]) > 1e-6:
+                warn(f"{prim.GetPath()}: a sky that is turned about another axis than y is not turned so")
+        return table("[[light]]", keys)
+
+    def lamp_shape(self, prim, world):
+        """The mesh of a lamp, its size, its area in the world and that seen from ahead."""
+        time = self.time
+        scale = [world.TransformDir(Gf.Vec3d(*axis)).GetLength() for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        if prim.IsA(UsdLux.RectLight):
+            rect = UsdLux.RectLight(prim)
+            x, y = rect.GetWidthAttr().Get(time), rect.GetHeightAttr().Get(time)
+            area = x * scale[0] * y * scale[1]
+            return "builtin:quad", (x, 1, y), area, area
+        if prim.IsA(UsdLux.DiskLight):
+            d = 2 * UsdLux.DiskLight(prim).GetRadiusAttr().Get(time)
+            area = math.pi / 4 * d * d * scale[0] * scale[1]
+            return self.disk(), (d, 1, d), area, area
+        if prim.IsA(UsdLux.SphereLight):
+            d = 2 * UsdLux.SphereLight(prim).GetRadiusAttr().Get(time)
+            area = math.pi * (d * scale[0]) ** 2
+            return "builtin:sphere", (d, d, d), area, area / 4
+        return None
+
+    def cone(self, prim):
+        """The half angles of a spot, if a lamp is shaped so."""
+        if not prim.HasAPI(UsdLux.ShapingAPI):
+            return None
+        shaping, time = UsdLux.ShapingAPI(prim), self.time
+        ies = shaping.GetShapingIesFileAttr().Get(time)
+        if (shaping.GetShapingFocusAttr().Get(time) or 0) > 0 or (ies and ies.path):
+            warn(f"{prim.GetPath()}: its focus and its profile are left out")
+        cut = shaping.GetShapingConeAngleAttr()
+        angle = cut.Get(time)
+        # By itself it is 90 degrees.
+        if angle is None or angle >= (180 if prim.IsA(UsdLux.SphereLight) and cut.HasAuthoredValue() else 90):
+            return None
+        softness = min(max(shaping.GetShapingConeSoftnessAttr().Get(time) or 0.0, 0.0), 1.0)
+        warn(f"{prim.GetPath()}: with a cone it is a point: its extent is left out")
+        return {"inner_deg": angle * min(1 - softness, 0.999), "outer_deg": angle}
 
     def disk(self, sides=128):
         """Of diameter 1, facing +y."""

@@ -141,7 +141,8 @@ def instances():
     for part in parts[:2]:
         scene.collection.objects.unlink(part)
         group.objects.link(part)
-    parts[2].location.z = -9
+    # What is turned and then stretched is sheared.
+    parts[1].rotation_euler.z, parts[2].location.z = 0.5, -9
     for x, stretch in ((-1.6, (1, 1, 2)), (0.1, (2, 1, 1)), (1.8, (-1, 1, 1))):
         made = bpy.data.objects.new("copy", None)
         made.instance_type, made.instance_collection = "COLLECTION", group

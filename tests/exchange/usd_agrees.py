@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """What tools/usd_export.py makes of a stage, held to the same scene by hand: usd_agrees.py LVOX OUT
-makes a z-up stage of meshes, an instance, materials, lights of each kind and a camera that moves, exports it, renders it
+makes a z-up stage of meshes, instances, materials, lights of each kind and a camera that moves, exports it, renders it
 beside a TOML scene of the same, and compares means of blocks. Needs a Python that has usd-core.
 Ends with: N passed, N failed."""
 import os
+import struct
 import subprocess
 import sys
+import zlib
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade
 
@@ -22,6 +24,8 @@ height = 48
 position = [0.5, 2, 6]
 target = [0.5, 2, 0]
 fov_x_deg = 53.1301024
+aperture = 0.1
+focus_distance = 6
 [[mesh]]
 file = "builtin:quad"
 scale = [8, 1, 8]
@@ -52,6 +56,50 @@ scale = 0.5
 translate = [-2, 2.5, 1]
 albedo = [0, 0, 0]
 emission = [2, 4, 6]
+[[mesh]]
+file = "builtin:cube"
+scale = 0.3
+translate = [-2.5, 0.15, 1.5]
+albedo = [0.2, 0.7, 0.1]
+[[mesh]]
+file = "builtin:cube"
+scale = 0.6
+rotate_deg = [0, 30, 0]
+translate = [1.8, 0.3, 2]
+albedo = [0.2, 0.7, 0.1]
+[[mesh]]
+file = "builtin:quad"
+scale = 0.8
+rotate_deg = [90, 0, 0]
+translate = [-2.4, 1, 0]
+albedo = [0.5, 0, 0]
+[[mesh]]
+file = "builtin:quad"
+scale = 0.8
+rotate_deg = [90, 0, 0]
+translate = [-2.4, 3, 0]
+albedo = [0, 0, 1]
+[[mesh]]
+file = "builtin:quad"
+scale = 0.8
+rotate_deg = [90, 0, 0]
+translate = [3, 1, 0]
+albedo = [0, 0, 0]
+emission = [2, 0, 0]
+[[mesh]]
+file = "builtin:quad"
+scale = 0.8
+rotate_deg = [90, 0, 0]
+translate = [3, 3, 0]
+albedo = [0.5, 0.5, 0.5]
+emission = [0, 3, 0]
+[[light]]
+type = "spot"
+position = [2.2, 3, 1.5]
+direction = [0, -1, 0]
+intensity = [6.2831853, 6.2831853, 6.2831853]
+inner_deg = 15
+outer_deg = 30
 [[light]]
 type = "directional"
 direction = [0, -1, 0]
@@ -62,13 +110,86 @@ radiance = [0.1, 0.15, 0.2]
 """
 
 
-def material(stage, path, color):
+def png(path, color):
+    """An image of one colour."""
+    head, rows = struct.pack(">IIBBBBB", 4, 4, 8, 2, 0, 0, 0), (b"\0" + bytes(color) * 4) * 4
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n")
+        for kind, body in ((b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")):
+            file.write(struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)))
+
+
+def material(stage, path, color, **textures):
+    """Of a colour; or of a file and a factor for an input."""
     made = UsdShade.Material.Define(stage, path)
     shader = UsdShade.Shader.Define(stage, path + "/surface")
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(color)
+    for key, (file, factor) in textures.items():
+        texture = UsdShade.Shader.Define(stage, f"{path}/{key}")
+        texture.CreateIdAttr("UsdUVTexture")
+        texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
+        texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(factor, factor, factor, 1))
+        made_of = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+        shader.CreateInput(key, Sdf.ValueTypeNames.Color3f).ConnectToSource(made_of)
     made.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     return made
+
+
+def upright(stage, path, place, look=None):
+    """A square that stands and faces the camera."""
+    made = UsdGeom.Mesh.Define(stage, path)
+    made.CreatePointsAttr([(x, 0, z) for x, z in ((-0.4, -0.4), (0.4, -0.4), (0.4, 0.4), (-0.4, 0.4))])
+    made.CreateFaceVertexCountsAttr([4])
+    made.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    made.AddTranslateOp().Set(Gf.Vec3d(*place))
+    st = UsdGeom.PrimvarsAPI(made).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, "vertex")
+    st.Set([(0, 0), (1, 0), (1, 1), (0, 1)])
+    if look:
+        UsdShade.MaterialBindingAPI.Apply(made.GetPrim()).Bind(look)
+    return made
+
+
+def more(stage):
+    """A point instancer, textures of one name, a mesh that is a light, a spot, and depth of field."""
+    png(os.path.join(out, "red", "tile.png"), (255, 0, 0))
+    png(os.path.join(out, "blue", "tile.png"), (0, 0, 255))
+    dark = (0, 0, 0)
+    red = material(stage, "/red", dark, diffuseColor=("red/tile.png", 0.5))
+    upright(stage, "/redtile", (-2.4, 0, 1), red)
+    upright(stage, "/bluetile", (-2.4, 0, 3), material(stage, "/bluelook", dark, diffuseColor=("blue/tile.png", 1)))
+    upright(stage, "/screen", (3, 0, 1), material(stage, "/screenlook", dark, emissiveColor=("red/tile.png", 2)))
+    panel = upright(stage, "/panel", (3, 0, 3))
+    light = UsdLux.MeshLightAPI.Apply(panel.GetPrim())
+    light = UsdLux.LightAPI(panel.GetPrim())
+    light.CreateIntensityAttr(3 * 0.8 * 0.8)
+    light.CreateColorAttr((0, 1, 0))
+    light.CreateNormalizeAttr(True)
+
+    many = UsdGeom.PointInstancer.Define(stage, "/many")
+    many.AddTranslateOp().Set(Gf.Vec3d(0.1, 0, 0))
+    seed = UsdGeom.Cube.Define(stage, "/many/seeds/seed")
+    seed.CreateSizeAttr(0.3)
+    seed.CreateDisplayColorAttr([(0.2, 0.7, 0.1)])
+    many.CreatePrototypesRel().AddTarget("/many/seeds/seed")
+    many.CreateProtoIndicesAttr([0, 0, 0])
+    many.CreatePositionsAttr([(-2.6, -1.5, 0.15), (1.7, -2, 0.3), (0, -3, 1)])
+    many.CreateScalesAttr([(1, 1, 1), (2, 2, 2), (3, 3, 3)])
+    turn = Gf.Quath(0.9659258, 0, 0, 0.2588190)
+    many.CreateOrientationsAttr([Gf.Quath(1, 0, 0, 0), turn, turn])
+    many.CreateInvisibleIdsAttr([2])
+
+    spot = UsdLux.SphereLight.Define(stage, "/spot")
+    UsdGeom.Xformable(spot).AddTranslateOp().Set(Gf.Vec3d(2.2, -1.5, 3))
+    spot.CreateRadiusAttr(0.1)
+    spot.CreateIntensityAttr(200)
+    shape = UsdLux.ShapingAPI.Apply(spot.GetPrim())
+    shape.CreateShapingConeAngleAttr(30)
+    shape.CreateShapingConeSoftnessAttr(0.5)
+    view = UsdGeom.Camera(stage.GetPrimAtPath("/view"))
+    view.CreateFStopAttr(10)
+    view.CreateFocusDistanceAttr(6)
 
 
 def stage(path):
@@ -132,6 +253,7 @@ def stage(path):
     sky = UsdLux.DomeLight.Define(made, "/sky")
     sky.CreateIntensityAttr(1)
     sky.CreateColorAttr((0.1, 0.15, 0.2))
+    more(made)
     made.Save()
 
 
@@ -175,7 +297,8 @@ export(moving, "--frames", "1-3x2")
 files = sorted(os.listdir(moving))
 words = ["inspect", os.path.join(moving, "stage.####.toml"), "--frames", "1-3x2"]
 done = subprocess.run([lvox, *words], capture_output=True, text=True)
-are_right = files == ["floor.ply", "stage.0001.toml", "stage.0003.toml"] and done.returncode == 0
+meshes = ["floor.ply", "redtile.ply", "tile.2.png", "tile.png"]
+are_right = files == sorted(meshes + ["stage.0001.toml", "stage.0003.toml"]) and done.returncode == 0
 print(f"{'' if are_right else 'FAILED: '}frames: {', '.join(files)}")
 results = [is_near, are_right]
 print(f"\n{sum(results)} passed, {len(results) - sum(results)} failed")
