@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from blender_media import grouped, output, rows, source
+from blender_media import color, grouped, number, output, rows, source
 from scene_text import copied, table, warn
 
 # builtin:quad faces +y; area lights face -z.
@@ -150,11 +150,14 @@ def sky(scene, folder):
     if node.type != "BACKGROUND":
         warn(f"the world is a {node.bl_label}: it is left out")
         return none
-    strength = node.inputs["Strength"].default_value
+    found = number(node.inputs["Strength"])
+    if found is None or found[1]:
+        warn("the nodes of the strength of the world are left out")
+        found = (node.inputs["Strength"].default_value, None)
+    strength, even = found[0], color(node.inputs["Color"])
+    if even and not even[1]:
+        return {"type": "environment", "radiance": [c * strength for c in even[0]]}
     image = source(node.inputs["Color"])
-    if image is None:
-        color = [c * strength for c in node.inputs["Color"].default_value[:3]]
-        return {"type": "environment", "radiance": color}
     if image.type != "TEX_ENVIRONMENT" or image.image is None or image.projection != "EQUIRECTANGULAR":
         warn(f"the colour of the world is a {image.bl_label}: it is left out")
         return none
@@ -178,6 +181,8 @@ def turn_of(image):
 
 
 def sky_file(image, folder):
+    if image.source in ("SEQUENCE", "MOVIE"):
+        warn("the image of the world changes from frame to frame: one is taken for all")
     path = bpy.path.abspath(image.filepath)
     kind = os.path.splitext(path)[1].lower()
     if kind in (".exr", ".hdr") and os.path.exists(path):

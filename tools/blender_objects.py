@@ -52,6 +52,8 @@ def render(scene, hand_on):
     layer, kept = bpy.context.view_layer, scene.camera
     if sum(other.use for other in scene.view_layers) > 1:
         warn(f"of the view layers {layer.name} alone is exported")
+    if layer.material_override:
+        warn(f"the material override of the view layer {layer.name} is left out")
     changes = [(other, "use", other == layer) for other in scene.view_layers]
     changes += [(scene.render, "engine", Engine.bl_idname), (scene.render, "use_multiview", False)]
     changes += [(scene.render, "use_compositing", False), (scene.render, "use_sequencer", False)]
@@ -175,8 +177,13 @@ def bare():
 
 
 def tell_left_out(obj):
-    if obj.is_holdout:
-        warn(f"object {obj.name}: it is drawn, though it is a holdout")
+    for key, kind in (("is_holdout", "holdout"), ("is_shadow_catcher", "shadow catcher")):
+        # All lamps are said to catch shadows.
+        if obj.type != "LIGHT" and getattr(obj, key, False):
+            warn(f"object {obj.name}: it is drawn, though it is a {kind}")
+    linking = getattr(obj, "light_linking", None)
+    if linking and (linking.receiver_collection or linking.blocker_collection):
+        warn(f"object {obj.name}: its light linking is left out")
     for key, rays in RAYS.items():
         if not getattr(obj, "visible_" + key, True):
             warn(f"object {obj.name}: it meets {rays}, which its Ray Visibility leaves out")

@@ -17,8 +17,9 @@ def warn(what):
         print("warning: " + what, file=sys.stderr)
 
 
-def copied(path, folder, name=None):
-    """The name in the folder of a copy of a file: the same file once, others of its name numbered apart."""
+def copied(path, folder, name=None, content=None):
+    """The name in the folder of a copy of a file, or of its content: the same file once, others of its name
+    numbered apart."""
     path = os.path.realpath(path)
     if path in copies:
         return copies[path]
@@ -29,7 +30,10 @@ def copied(path, folder, name=None):
         name, count = f"{stem}.{count}{kind}", count + 1
     copies[path] = name
     target = os.path.join(folder, name)
-    if os.path.realpath(target) != path:
+    if content is not None:
+        with open(target, "wb") as file:
+            file.write(content)
+    elif os.path.realpath(target) != path:
         shutil.copyfile(path, target)
     return name
 

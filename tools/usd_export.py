@@ -20,7 +20,7 @@ import os
 import struct
 import sys
 
-from pxr import Gf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, UsdVol
+from pxr import Ar, Gf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, UsdVol
 from scene_text import copied, frames_of, table, text, warn
 
 
@@ -187,7 +187,7 @@ class Export:
         bias = self.input(source, "bias")[0]
         if bias is not None and any(bias):
             warn(f"{source.GetPath()}: its bias is left out")
-        return (list(factor)[:3] if factor is not None else [1.0] * 3), copied(file.resolvedPath, self.folder)
+        return (list(factor)[:3] if factor is not None else [1.0] * 3), self.copied(file)
 
     def input(self, shader, key):
         """The value of an input, and the shader that it comes from."""
@@ -201,6 +201,15 @@ class Export:
                 return None, source
             return attribute.Get(self.time), None
         return found.Get(self.time), None
+
+    def copied(self, asset):
+        """The name of a copy of a file, which may lie within a package (.usdz)."""
+        path = asset.resolvedPath
+        if not Ar.IsPackageRelativePath(path):
+            return copied(path, self.folder)
+        name = os.path.basename(Ar.SplitPackageRelativePathInner(path)[1])
+        with Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path)) as packed:
+            return copied(path, self.folder, name, bytes(packed.GetBuffer()))
 
     def builtin(self, prim, file, size):
         place = Gf.Matrix4d().SetScale(size) * self.world(prim)
@@ -341,7 +350,7 @@ class Export:
         keys = {"type": "environment", "radiance": color}
         if file and file.resolvedPath:
             ahead = world.TransformDir(Gf.Vec3d(0, 0, 1))
-            keys |= {"image": copied(file.resolvedPath, self.folder)}
+            keys |= {"image": self.copied(file)}
             keys["rotate_deg"] = math.degrees(math.atan2(ahead[0], ahead[2]))
             if UsdGeom.GetStageUpAxis(self.stage) == "Z" or abs(ahead[1]) > 1e-6:
                 warn(f"{prim.GetPath()}: a sky that is turned about another axis than y is not turned so")
@@ -400,7 +409,7 @@ class Export:
             if not file or not file.resolvedPath:
                 warn(f"{prim.GetPath()}: the file of its density is not there: it is left out")
                 continue
-            keys = {"file": copied(file.resolvedPath, self.folder), "name": prim.GetName()}
+            keys = {"file": self.copied(file), "name": prim.GetName()}
             keys["grid"] = asset.GetFieldNameAttr().Get(self.time) or "density"
             keys |= {"sigma_t_scale": self.density, "albedo": [0.9, 0.9, 0.9], "transform": columns(self.world(prim))}
             out.append(table("[[volume]]", keys))

@@ -215,8 +215,12 @@ def joined(look, kind, second, share=None):
 
 
 def mixtures():
-    """Diffuse and emission, what is there in part, and values and colours of nodes."""
-    background().inputs["Color"].default_value = (0.2, 0.25, 0.3, 1)
+    """Diffuse and emission, what is there in part, and values and colours of nodes, of the world, too."""
+    tree = background().id_data
+    for key, kind, value in (("Color", "ShaderNodeRGB", (0.1, 0.2, 0.3, 1)), ("Strength", "ShaderNodeValue", 1.5)):
+        made = tree.nodes.new(kind)
+        made.outputs[0].default_value = value
+        tree.links.new(made.outputs[0], background().inputs[key])
     red = {"Color": (0.8, 0.2, 0.1, 1)}
     part = material("part", "ShaderNodeBsdfDiffuse", **red)
     joined(part, "ShaderNodeMixShader", "ShaderNodeBsdfTransparent", 0.4)
@@ -442,6 +446,24 @@ def frames():
     return is_right
 
 
+def later():
+    """What is emitted at a frame is the same whether frames were exported before or not."""
+    stage()
+    moving()
+    blend = os.path.join(out, "later.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=blend)
+    whole, alone = os.path.join(out, "later"), os.path.join(out, "later-alone")
+    export(blend, whole, "--frames", "1-9x8")
+    export(blend, alone)
+    first, ninth, single = (
+        open(os.path.join(folder, name), "rb").read()
+        for folder, name in ((whole, "later.0001.glb"), (whole, "later.0009.glb"), (alone, "later.glb"))
+    )
+    is_right = ninth == single and first != single
+    print(f"{'' if is_right else 'FAILED: '}later: {len(single)} bytes of meshes")
+    return is_right
+
+
 def told():
     """What an export leaves out has a line each that names it."""
     scene = stage()
@@ -508,6 +530,8 @@ wanted = sys.argv[4:]
 results = [compared(*row) for row in rows if not wanted or row[0] in wanted]
 if not wanted or "frames" in wanted:
     results.append(frames())
+if not wanted or "later" in wanted:
+    results.append(later())
 if not wanted or "told" in wanted:
     results.append(told())
 print(f"\n{sum(results)} passed, {len(results) - sum(results)} failed")

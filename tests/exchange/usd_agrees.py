@@ -9,7 +9,7 @@ import subprocess
 import sys
 import zlib
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, UsdUtils
 
 lvox, out = sys.argv[1], sys.argv[2]
 here = os.path.dirname(os.path.abspath(__file__))
@@ -273,9 +273,9 @@ def render(scene, image):
     return blocks(image)
 
 
-def export(folder, *more):
+def export(folder, *more, file="stage.usda"):
     script = os.path.join(here, "../../tools/usd_export.py")
-    subprocess.run([sys.executable, script, os.path.join(out, "stage.usda"), "-o", folder, *more], check=True)
+    subprocess.run([sys.executable, script, os.path.join(out, file), "-o", folder, *more], check=True)
 
 
 if os.path.exists(os.path.join(out, "stage.usda")):
@@ -300,6 +300,13 @@ done = subprocess.run([lvox, *words], capture_output=True, text=True)
 meshes = ["floor.ply", "redtile.ply", "tile.2.png", "tile.png"]
 are_right = files == sorted(meshes + ["stage.0001.toml", "stage.0003.toml"]) and done.returncode == 0
 print(f"{'' if are_right else 'FAILED: '}frames: {', '.join(files)}")
-results = [is_near, are_right]
+packed = os.path.join(out, "packed")
+UsdUtils.CreateNewUsdzPackage(os.path.join(out, "stage.usda"), os.path.join(out, "stage.usdz"))
+export(packed, file="stage.usdz")
+names = sorted(os.listdir(folder))
+same = [open(os.path.join(folder, name), "rb").read() == open(os.path.join(packed, name), "rb").read() for name in names]
+is_same = names == sorted(os.listdir(packed)) and all(same)
+print(f"{'' if is_same else 'FAILED: '}a package: {', '.join(names)}")
+results = [is_near, are_right, is_same]
 print(f"\n{sum(results)} passed, {len(results) - sum(results)} failed")
 sys.exit(not all(results))
