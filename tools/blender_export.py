@@ -8,12 +8,13 @@ Writes folder/NAME.toml and NAME.glb, or with --frames NAME.0001.toml, ... for
 `lvox render folder/NAME.####.toml --frames 1-10 -o out.####.exr`. Frames of equal meshes share a file.
 
 What renders show is taken, not what the viewport does, with all instances.
-Taken are: meshes with their modifiers and the colours, textures and emission that glTF has (Diffuse and Emission
-nodes, too); all cameras, the scene's first, and their depth of field; sun, point, spot and area lights in
-Blender's units (watts; area lights become quads or disks that emit, points with a radius balls); a world of one
-colour or an image, turned about z by a Mapping node; what Ray Visibility keeps from the camera, and transparent film; light groups of lamps, objects that
-emit and the world; volume objects (.vdb), and meshes that are boxes, filled with Principled Volume, Volume Scatter,
-Volume Absorption, Volume Coefficients, sums of these, and what they emit of a grid.
+Taken are: meshes with their modifiers and the colours, textures and emission that glTF has (Diffuse and
+Emission nodes, too); all cameras, the scene's first, and their depth of field; sun, point, spot and area
+lights in Blender's units (watts; area lights become quads or disks that emit, points with a radius balls); a
+world of one colour or an image, turned about z by a Mapping node; what Ray Visibility keeps from the camera,
+and transparent film; light groups of lamps, objects that emit and the world; volume objects (.vdb), and
+meshes that are boxes, filled with Principled Volume, Volume Scatter, Volume Absorption, Volume Coefficients,
+sums of these, and what they emit of a grid.
 What is left out is told on stderr.
 """
 import argparse

@@ -57,6 +57,7 @@ def render(scene, hand_on):
     changes = [(other, "use", other == layer) for other in scene.view_layers]
     changes += [(scene.render, "engine", Engine.bl_idname), (scene.render, "use_multiview", False)]
     changes += [(scene.render, "use_compositing", False), (scene.render, "use_sequencer", False)]
+    changes += [(scene.render, "use_freestyle", False)] if hasattr(scene.render, "use_freestyle") else []
     Engine.hand_on, Engine.failure = hand_on, None
     bpy.utils.register_class(Engine)
     stand_in = None if kept else bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))

@@ -6,8 +6,8 @@
 Writes folder/NAME.toml, or with --frames NAME.0001.toml, ... for
 `lvox render folder/NAME.####.toml --frames 1-10 -o out.####.exr`. Meshes that do not change share a file.
 
-Taken are: meshes, cubes and spheres, with instances and point instancers, as they are in the world, with displayColor or
-the diffuse and emissive colours and textures of UsdPreviewSurface; cameras with their depth of field; DistantLight,
+Taken are: meshes, cubes and spheres, with instances and point instancers, as they are in the world, with displayColor
+or the diffuse and emissive colours and textures of UsdPreviewSurface; cameras with their depth of field; DistantLight,
 DomeLight (of a colour or a lat-long image), RectLight, DiskLight and SphereLight, whose shapes emit and are seen by the
 camera, or which with a cone are spots; meshes that are lights; OpenVDB fields of volumes, with --density as the
 extinction where a value is 1. Polygons are cut by lvox; subdivision, curves, points and skinning are
@@ -288,8 +288,9 @@ class Export:
                 row.append(numbers[key])
             body += struct.pack(f"<I{len(row)}I", len(row), *row)
         more = "property float u\nproperty float v\n" if uvs is not None else ""
-        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\n"
-        head += f"property float z\n{more}element face {len(faces)}\nproperty list uint uint vertex_indices\nend_header\n"
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+        head += f"property float x\nproperty float y\nproperty float z\n{more}element face {len(faces)}\n"
+        head += "property list uint uint vertex_indices\nend_header\n"
         content = head.encode() + b"".join(vertices) + bytes(body)
         digest = hashlib.sha256(content).hexdigest()
         if digest not in self.known:

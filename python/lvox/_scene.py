@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path, PurePath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Union
 
@@ -67,7 +68,7 @@ def _with_files(kind: str, table: Mapping[str, Any], path: Path) -> dict[str, An
         found["emission"] = _with_files("emission", found["emission"], path)
     for name in _FILES:
         value = found.get(name)
-        if isinstance(value, (str, PurePath)):
+        if isinstance(value, (str, os.PathLike)):
             if not str(value).startswith("builtin:"):
                 found[name] = str(Path(value).absolute())
         elif isinstance(value, np.ndarray) and value.ndim > 0:
