@@ -41,6 +41,7 @@ class Export:
         self.cache = UsdGeom.XformCache(time)
         # The prototype that is walked, and where its instance stands.
         self.prototype = None
+        self.parts = {}
         self.tables = {"camera": [], "mesh": [], "light": [], "volume": []}
         self.walk(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
         # A stage without light is dark.
@@ -220,9 +221,24 @@ class Export:
         """A look without the textures, for what has no coordinates for them."""
         if "texture" in look or "emission_texture" in look:
             warn(f"{prim.GetPath()}: its texture needs coordinates `st`: it is left out")
-        return {key: value for key, value in look.items() if not key.endswith("texture")}
+        left_out = {"texture", "emission_texture"} | ({"emission"} if "emission_texture" in look else set())
+        return {key: value for key, value in look.items() if key not in left_out}
 
     def mesh(self, prim):
+        """The tables of a mesh, one for each of its materials."""
+        path = prim.GetPath()
+        if path not in self.parts:
+            self.parts[path] = self.mesh_parts(prim)
+        place, emission = {"transform": columns(self.world(prim))}, self.mesh_light(prim)
+        out = []
+        for keys, look in self.parts[path]:
+            if emission:
+                look = look | {"emission": [a * b for a, b in zip(emission, look.get("emission", [1.0] * 3))]}
+            out.append(table("[[mesh]]", keys | place | look))
+        return out
+
+    def mesh_parts(self, prim):
+        """Files and looks of a mesh, the same at all its places."""
         mesh, time = UsdGeom.Mesh(prim), self.time
         points = mesh.GetPointsAttr().Get(time)
         counts, indices = mesh.GetFaceVertexCountsAttr().Get(time), mesh.GetFaceVertexIndicesAttr().Get(time)
@@ -243,7 +259,6 @@ class Export:
             rest -= set(faces)
             parts.append((subset.GetPrim(), faces))
         parts.append((prim, sorted(rest)))
-        emission = self.mesh_light(prim, points, [indices[a:b] for a, b in zip(starts, starts[1:])])
         out = []
         for number, (owner, faces) in enumerate(parts):
             if not faces:
@@ -253,23 +268,23 @@ class Export:
             look = look if uvs else self.untextured(prim, look)
             name = prim.GetPath().pathString.strip("/").replace("/", "_") + (f".{number}" if subsets else "")
             file = self.ply(name, points, [range(starts[f], starts[f + 1]) for f in faces], indices, uvs, turned)
-            keys = {"file": file, "name": name, "transform": columns(self.world(prim))} | look
-            if emission:
-                keys["emission"] = [a * b for a, b in zip(emission, keys.get("emission", [1.0] * 3))]
-            out.append(table("[[mesh]]", keys))
+            out.append(({"file": file, "name": name}, look))
         return out
 
-    def mesh_light(self, prim, points, faces):
+    def mesh_light(self, prim):
         """What a mesh sends as a light, a factor on what its material does."""
         if not prim.HasAPI(UsdLux.LightAPI):
             return None
         color, is_normal = self.strength(prim)
         if not is_normal:
             return color
-        world = self.world(prim)
-        at = [world.Transform(Gf.Vec3d(*point)) for point in points]
-        fans = [(at[f[0]], at[b], at[c]) for f in faces for b, c in zip(f[1:], f[2:])]
-        area = sum(Gf.Cross(b - a, c - a).GetLength() / 2 for a, b, c in fans)
+        mesh, world = UsdGeom.Mesh(prim), self.world(prim)
+        at = [world.Transform(Gf.Vec3d(*point)) for point in mesh.GetPointsAttr().Get(self.time) or []]
+        indices, area, start = mesh.GetFaceVertexIndicesAttr().Get(self.time), 0.0, 0
+        for count in mesh.GetFaceVertexCountsAttr().Get(self.time) or []:
+            face = [at[i] for i in indices[start : start + count]]
+            area += sum(Gf.Cross(b - face[0], c - face[0]).GetLength() / 2 for b, c in zip(face[1:], face[2:]))
+            start += count
         return [c / area for c in color] if area > 0 else None
 
     def ply(self, name, points, faces, indices, uvs, turned):
