@@ -76,6 +76,8 @@ def film(scene):
     render = scene.render
     if abs(render.pixel_aspect_x / render.pixel_aspect_y - 1) > 1e-6:
         warn("pixels that are not square are taken as square")
+    if render.use_border:
+        warn("the render region is left out: `--region` of lvox renders a part")
     side = lambda n: max(1, int(n * render.resolution_percentage / 100))  # noqa: E731
     keys = {"width": side(render.resolution_x), "height": side(render.resolution_y)}
     of_film = getattr(getattr(scene, "cycles", None), "film_exposure", 1.0)

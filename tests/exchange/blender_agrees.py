@@ -468,6 +468,7 @@ def told():
     """What an export leaves out has a line each that names it."""
     scene = stage()
     scene.render.pixel_aspect_x, scene.cycles.film_exposure, scene.view_settings.exposure = 2, 3, 1
+    scene.render.use_border = True
     lamp("POINT", 30, shadow_soft_size=0, use_shadow=False)
     names = ("Cube", "Icosphere", "Plane")
     block, ball, floor = (scene.objects[name] for name in names)
@@ -486,6 +487,7 @@ def told():
     wanted = ["object Cube: it is drawn", "object Icosphere: it meets shadows", "light POINT: it casts shadows"]
     wanted += ["pixels that are not square", "object Plane: the hair of", "material wood: the Hue/Saturation"]
     wanted += ["material wood: the Noise Texture", "material silk: Sheen BSDF is taken as diffuse"]
+    wanted += ["the render region is left out"]
     missing = [what for what in wanted if sum("warning: " + what in line for line in lines) != 1]
     with open(os.path.join(folder, "told.toml")) as file:
         missing += [] if "exposure = 6\n" in file.read() else ["exposure"]
