@@ -93,17 +93,18 @@ impl Spread {
     /// Values that differ by less than this factor are as good as linear between vertices.
     const LINEAR: f32 = 1.2;
 
-    /// Of the least and the most of some values, and their mean.
-    pub fn new(least: f32, most: f32, mean: f32) -> Self {
-        let ratio = if least > 0.0 { most / least } else { 0.0 };
-        Self { ratio, mean }
-    }
-
     /// Spreads of the luminances of both parts of the light, given the light between the vertices.
     pub fn of(values: &[LightVectors; 8], weights: &[f32; 8], light: f32x8) -> [Self; 2] {
         let (least, most) = extremes(values, weights, |v| v.light);
         let [least, most, mean] = [least, most, light].map(LightVectors::luminances);
-        std::array::from_fn(|part| Self::new(least[part], most[part], mean[part]))
+        std::array::from_fn(|part| Self {
+            ratio: if least[part] > 0.0 {
+                most[part] / least[part]
+            } else {
+                0.0
+            },
+            mean: mean[part],
+        })
     }
 
     /// The same, of light whose channels count by such weights.

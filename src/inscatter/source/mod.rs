@@ -12,7 +12,6 @@
 mod every_vertex;
 mod front;
 mod lattices;
-mod ray_segment;
 
 pub use every_vertex::VolumeLight;
 pub use lattices::MediaLights;
@@ -39,7 +38,6 @@ use crate::view::{View, VisibleMedia};
 use front::SeenFront;
 use glam::Vec3;
 use lattices::VolumeLattices;
-use ray_segment::RaySegment;
 use wide::f32x4;
 
 /// In-scattered light of all volumes of a scene.
@@ -423,7 +421,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                 Self::MAX_GATHERED_RATIO
             };
             let (least, most) = extremes(values, &around.weights, |v| *v);
-            let is_alike = are_alike(luminance(least), luminance(most), alike);
+            let is_alike = are_alike(least.to_array()[3], most.to_array()[3], alike);
             let pixels = self.pixels(segment, level);
             let swept_pixels = match sweep {
                 Some(sweep) if sweep.in_layers => Self::LAYERED_SPACING_PIXELS,
@@ -432,11 +430,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let is_close = is_swept && pixels <= swept_pixels
                 || is_finest && pixels <= Self::WIDE_SPACING_PIXELS;
             if is_alike || is_close {
-                let light = blend(values, &around.weights, |v| *v);
-                let [least, most, mean] = [least, most, light].map(luminance);
-                let depth = segment.voxel_depth * (1 << level) as f32;
-                let mean_ln = || blend(values, &around.weights, |v| libm::logf(luminance(*v)));
-                return rgb(light) * Spread::new(least, most, mean).fall(depth, mean_ln);
+                return rgb(blend(values, &around.weights, |v| *v));
             }
             if is_finest {
                 let is_hidden = |v: [usize; 3]| {
@@ -540,6 +534,20 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     }
 }
 
+impl<K> RaySegment<K> {
+    /// The point before which this share of the light comes from that the camera sees of the
+    /// segment.
+    fn at_share(&self, share: f32) -> Vec3 {
+        let reach = if self.seen_depth > 0.0 {
+            -libm::log1pf(-share * one_minus_exp_neg(self.seen_depth)) / self.seen_depth
+        } else {
+            share
+        };
+        let [from, to] = self.ends;
+        from + (to - from) * reach.min(1.0)
+    }
+}
+
 /// What one ray found at vertices last, by lattice.
 #[derive(Debug, Default)]
 pub struct RayMemo {
@@ -553,13 +561,37 @@ pub struct RayMemo {
     lvoxels: LvoxelMemo,
 }
 
+/// A segment of a ray in a volume.
+struct RaySegment<K> {
+    volume: usize,
+    ends: [Vec3; 2],
+    /// Of the densest channel, and of what the ray sees of all: other depths are of the latter.
+    depth: f32,
+    seen_depth: f32,
+    /// What each channel adds to the ray.
+    channels: K,
+    /// What stands for it, in scene space and in the volume's index space.
+    point: Vec3,
+    at: Vec3,
+    /// Depth of a voxel of the densest medium in the brick, and of one as dense as on the segment.
+    densest: f32,
+    voxel_depth: f32,
+    /// How the ray sees the phase function, if that is not isotropic.
+    seen: Option<SeenPhase>,
+    /// Whether light between the vertices of the brick is as good as linear.
+    is_thin: bool,
+    /// The coarsest lattice that its brick allows.
+    level: usize,
+    /// The finest that the camera needs of direct light, and of indirect light.
+    finest: usize,
+    finest_indirect: usize,
+    /// The lattice of the front that it is in; 0 if it is in none.
+    front: usize,
+}
+
 fn with_luminance(light: Rgb) -> f32x4 {
     let [r, g, b] = light.0;
     f32x4::new([r, g, b, light.luminance()])
-}
-
-fn luminance(light: f32x4) -> f32 {
-    light.to_array()[3]
 }
 
 fn rgb(light: f32x4) -> Rgb {
