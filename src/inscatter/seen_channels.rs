@@ -5,7 +5,7 @@ use crate::math::Spectrum;
 
 /// Transmittance below which what follows counts as bright as what was last seen: it sends no more
 /// than this share of its radiance.
-pub const OPAQUE: f32 = 1e-2;
+pub const OPAQUE: f32 = 1e-3;
 
 /// What a part of a medium shows of its channels.
 #[derive(Clone, Copy, Debug)]
