@@ -4,6 +4,7 @@
 use super::colors::ColorEncoding;
 use super::field::Field;
 use super::files::{Files, extension};
+use super::left_out::tell_left_grids;
 use super::scale::{Density, Scale};
 use super::values::GridValues;
 use super::{FIELD_FILES, Settings, finish, obj, ply, read_field, read_scene, refuse_changes, vdb};
@@ -74,7 +75,7 @@ pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents>
     let builder =
         builder.inspect_err(|_| files.warnings.iter().for_each(|w| job.progress.warn(w)))?;
     let values = files.values.take().unwrap_or_default();
-    files.tell_left_grids();
+    tell_left_grids(&mut files);
     let read_warnings = files.warnings.len();
     let mut scene = finish(builder, files).map_err(|e| e.at(path.display()))?;
     if kind != ContentsKind::Scene {

@@ -2,7 +2,6 @@
 
 use super::Settings;
 use super::images::Images;
-use super::left_out::LeftOut;
 use super::values::GridValues;
 use crate::formats::MappedFile;
 use crate::run::{Cancel, frames, memory, one_line};
@@ -40,7 +39,7 @@ pub(super) struct Files {
     /// Images among them.
     pub(super) images: Images,
     /// By file, the grids that none of its volumes drew so far.
-    left_grids: BTreeMap<PathBuf, Vec<String>>,
+    pub(super) left_grids: BTreeMap<PathBuf, Vec<String>>,
 }
 
 impl Files {
@@ -232,17 +231,6 @@ impl Files {
             None => {
                 self.left_grids.insert(path.to_owned(), labels);
             }
-        }
-    }
-
-    /// Warns of the grids that no volume drew.
-    pub(super) fn tell_left_grids(&mut self) {
-        for (path, labels) in std::mem::take(&mut self.left_grids) {
-            let mut left_out = LeftOut::default();
-            for label in labels {
-                left_out.note("grids are left out", format_args!("`{label}`"));
-            }
-            left_out.tell(&path, 0, self);
         }
     }
 

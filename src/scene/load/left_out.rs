@@ -130,6 +130,17 @@ impl LeftOut {
     }
 }
 
+/// Warns of the grids that no volume of a file drew.
+pub(super) fn tell_left_grids(files: &mut Files) {
+    for (path, labels) in std::mem::take(&mut files.left_grids) {
+        let mut left_out = LeftOut::default();
+        for label in labels {
+            left_out.note("grids are left out", format_args!("`{label}`"));
+        }
+        left_out.tell(&path, 0, files);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -249,7 +249,7 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
 
 /// The scene of what was read from files.
 fn finish(builder: SceneBuilder, mut files: Files) -> Result<Scene> {
-    files.tell_left_grids();
+    left_out::tell_left_grids(&mut files);
     let frame = files.settings.frame;
     let builder = SceneBuilder { frame, ..builder };
     let mut scene = builder.finish(&files.cancel)?;

@@ -147,7 +147,7 @@ pub(super) fn read_colors(
 
 /// Reads the grids that are wanted; those that have no active voxel are left out. The user is told
 /// what else the file has, but for a grid of colours that is read elsewhere, by
-/// [`Files::tell_left_grids`].
+/// [`left_out::tell_left_grids`](super::left_out::tell_left_grids).
 pub(super) fn read(
     content: impl Into<Content>,
     path: &Path,

@@ -6,6 +6,7 @@ mod real;
 mod skip;
 mod spec;
 
+use super::super::left_out::tell_left_grids;
 use super::super::scale::{Density, Scale};
 use super::blosc::tests::pack;
 use super::*;
@@ -44,7 +45,7 @@ fn load_all(content: &[u8], wanted: Option<&str>) -> (Vec<Field>, Vec<String>) {
         &mut files,
     )
     .unwrap();
-    files.tell_left_grids();
+    tell_left_grids(&mut files);
     (fields, files.warnings)
 }
 
@@ -266,7 +267,7 @@ fn grids_are_chosen_by_name() {
         let (path, wanted) = (Path::new("x.vdb"), Wanted::Named(name));
         read(content.clone(), path, wanted, None, &mut files).unwrap();
     }
-    files.tell_left_grids();
+    tell_left_grids(&mut files);
     assert_eq!(files.warnings, ["x.vdb: grids are left out: `heat[0]`"]);
     let e = pick(None).err().unwrap();
     assert!(
