@@ -2,7 +2,7 @@
 
 use super::instances::InstanceBvh;
 use super::packet::Member;
-use super::{Blocks, Corners, LANES, Seen, There, TriangleBvh};
+use super::{Blocks, Corners, LANES, Seen, There, TriangleBvh, Whole};
 use crate::math::{Hit, Ray};
 use crate::scene::{Masks, Scene};
 use std::cell::Cell;
@@ -38,6 +38,12 @@ impl<'a> TriangleBvh<'a> {
     #[inline]
     pub fn masks(&self) -> Option<&Masks<'a>> {
         self.masks.as_ref()
+    }
+
+    /// The nearest hit along a ray as if no triangle had a mask.
+    #[must_use]
+    pub fn closest_unmasked(&self, ray: &Ray) -> Option<Hit> {
+        self.closest_there(ray, &Whole)
     }
 
     /// What [`Self::closest_seen`] finds, and whether masks have a say in that: the ray ends on a

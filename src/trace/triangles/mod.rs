@@ -184,12 +184,6 @@ impl TriangleBvh<'_> {
         }
     }
 
-    /// The nearest hit along a ray as if no triangle had a mask.
-    #[must_use]
-    pub fn closest_unmasked(&self, ray: &Ray) -> Option<Hit> {
-        self.closest_there(ray, &Whole)
-    }
-
     /// The nearest hit along a ray of a camera: of triangles that cameras see in a scene.
     #[must_use]
     pub fn closest_seen(&self, ray: &Ray, scene: &Scene) -> Option<Hit> {
