@@ -1,5 +1,6 @@
 //! Trees with the light of every bounce.
 
+use crate::support::program::lvox;
 use crate::support::random::Random;
 use crate::{Work, beauty, mean, shade, with_threads};
 use lvox::bounce::{self, Bounces, Settings};
@@ -208,6 +209,36 @@ fn one_bounce_leaves_a_tree_as_it_is() {
     assert_eq!(old.sums, new.sums);
     assert_eq!(old.left_out, new.left_out);
     assert_eq!(old.errors.len(), new.errors.len());
+}
+
+#[test]
+fn surfels_find_their_surface_behind_others_and_through_masks() {
+    // Spheres that cross each other, and a card of which half is there.
+    let mut text = String::from(
+        "[[camera]]\nposition = [0, 1, 5]\ntarget = [0, 0, 0]\n[[light]]\ntype = \"environment\"\n\
+         radiance = [1, 1, 1]\n[[mesh]]\nfile = \"builtin:quad\"\nscale = 3\n\
+         translate = [0, -1, 0]\nopacity = 0.5\n",
+    );
+    for i in 0..20 {
+        let [x, z] = [0.1 * f64::from(i % 5), 0.15 * f64::from(i / 5)];
+        text += &format!("[[mesh]]\nfile = \"builtin:sphere\"\ntranslate = [{x}, 0, {z}]\n");
+    }
+    let work = Work::new(&text);
+    let here = work.path("");
+    for words in [
+        "bake scene.toml -o a.lvc --surfels 40000",
+        "build a.lvc -o a.lvt",
+        "bounce scene.toml -t a.lvt -o b.lvt --strict --report r.json",
+    ] {
+        lvox(&here, &words.split(' ').collect::<Vec<_>>()).done();
+    }
+    let report = fs::read_to_string(work.path("r.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let stages = report["stages"].as_array().unwrap();
+    let lost = stages
+        .iter()
+        .find_map(|s| s["counts"]["surfels without a surface"].as_f64());
+    assert_eq!(lost, Some(0.0));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Pages made by a hostile hand: the checksum and the compression are right, the bytes are not.
 
 use super::columns as col;
+use super::encode::PAGE_HEADER_BYTES;
 use super::{decode, lvoxels, stats};
 use crate::frame::{Block, BlockKind};
 use crate::record::{
@@ -139,6 +140,21 @@ fn an_honest_page_is_read() {
     for (a, b) in page().nodes.iter().zip(&decoded.nodes) {
         assert_eq!(a.below, b.below);
     }
+}
+
+#[test]
+fn links_to_even_pages_have_a_code_and_others_are_refused() {
+    let mut raw = raw_page();
+    let block = block(20, 6, number(&raw, 20));
+    // What is below nodes comes first, a byte for each; the fifth has a link.
+    let code = PAGE_HEADER_BYTES + 4;
+    assert_eq!(raw[code], 0x20);
+    raw[code] = 0x21;
+    let page = decode::surfel_page(&raw, &block, ID, 0.0).unwrap();
+    assert_eq!(page.nodes[4].below, Below::EvenPage(2));
+    raw[code] = 0x22;
+    let error = decode::surfel_page(&raw, &block, ID, 0.0).unwrap_err();
+    assert!(error.to_string().contains("code 0x22"), "{error}");
 }
 
 #[test]
