@@ -49,13 +49,18 @@ pub fn with_options(message: &str) -> String {
 
 fn with_options_of(message: &str, is_setting: impl Fn(&str) -> bool) -> String {
     let mut text = String::with_capacity(message.len());
-    for (i, piece) in message.split('`').enumerate() {
+    let mut pieces = message.split('`').enumerate().peekable();
+    while let Some((i, piece)) = pieces.next() {
+        // As in "`group` in [[mesh]] at line 3".
+        let is_key = pieces
+            .peek()
+            .is_some_and(|(_, rest)| rest.starts_with(" in ["));
         let option = match piece {
             "overwrite" => "force".into(),
             _ => piece.replace('_', "-"),
         };
         let is_quoted = i % 2 == 1;
-        if is_quoted && is_setting(piece) && super::has_option(&option) {
+        if is_quoted && !is_key && is_setting(piece) && super::has_option(&option) {
             text += "--";
             text += &option;
         } else if is_quoted {
@@ -90,6 +95,10 @@ mod tests {
                 "raise --memory-limit, or enlarge by `scale`",
             ),
             ("nothing is named", "nothing is named"),
+            (
+                "`group` in [[mesh]] at line 3 names none",
+                "`group` in [[mesh]] at line 3 names none",
+            ),
         ] {
             assert_eq!(with_options(message), told);
         }

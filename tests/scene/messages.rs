@@ -84,6 +84,7 @@ fn scene_files() {
             "did you mean `mesh`?",
         ),
         ("albedo = [1, 1", "not valid TOML at line 3", ""),
+        ("[mesh]", "duplicate key", "begins with [[mesh]]"),
         (
             "albedo = [1.5, 0, 0]",
             "`albedo` in [[mesh]] at line 3: expected three numbers from 0 to 1, found 1.5",

@@ -155,8 +155,7 @@ impl<'a> Place<'_, 'a> {
                 let by_name = || names.iter().position(|name| name == part);
                 let number = by_name().or_else(|| part.parse().ok());
                 let Some(entry) = number.and_then(|i| array.get_mut(i)) else {
-                    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-                    return Err(self.missing(depth, part, &names));
+                    return Err(self.missing_entry(depth, array, &names));
                 };
                 match depth + 1 == self.parts.len() {
                     true => {
@@ -173,6 +172,31 @@ impl<'a> Place<'_, 'a> {
                     self.key
                 )))
             }
+        }
+    }
+
+    /// An error for a part of the key that names no entry of a list: of a list of tables it may be a
+    /// key of these.
+    fn missing_entry(
+        &self,
+        depth: usize,
+        entries: &[Spanned<DeValue<'_>>],
+        names: &[String],
+    ) -> Error {
+        let others: Vec<&str> = names.iter().map(String::as_str).collect();
+        let error = self.missing(depth, self.parts[depth], &others);
+        let is_table = |entry: &Spanned<DeValue<'_>>| entry.get_ref().as_table().is_some();
+        match (names.first(), self.parts[depth].parse::<u32>()) {
+            (Some(first), Err(_))
+                if entries.iter().all(is_table) && depth + 1 == self.parts.len() =>
+            {
+                let (before, key) = (self.parts[..depth].join("."), self.parts[depth]);
+                error.hint(format!(
+                    "name one of {}, as in {before}.{first}.{key}",
+                    names.join(", ")
+                ))
+            }
+            _ => error,
         }
     }
 

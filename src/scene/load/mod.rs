@@ -243,7 +243,13 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
             "{}: expected a scene file, found the extension \"{other}\"",
             path.display()
         ))
-        .hint("scenes are .toml, .xml (Mitsuba), .gltf, .glb or .lvp files")),
+        .hint(match other {
+            "blend" => "export it: `python3 tools/blender_export.py FILE.blend -o FOLDER`",
+            "usd" | "usda" | "usdc" | "usdz" => {
+                "export it: `python3 tools/usd_export.py FILE.usd -o FOLDER`"
+            }
+            _ => "scenes are .toml, .xml (Mitsuba), .gltf, .glb or .lvp files",
+        })),
     }
 }
 

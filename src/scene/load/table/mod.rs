@@ -100,7 +100,16 @@ impl<'a> Document<'a> {
         self.check_size()?;
         let mut parsed = DeTable::parse(&self.text[..self.end]).map_err(|e| {
             let at = self.at(e.span().map_or(0, |s| s.start));
-            self.error(format!("not valid TOML {at}: {}", e.message()))
+            let error = self.error(format!("not valid TOML {at}: {}", e.message()));
+            let line = e.span().map_or("", |s| self.line(s.start));
+            // Of `[mesh]` and `[[mesh]]` the parser says that a key is there twice.
+            let title = line.trim_start_matches('[').split(']').next();
+            match title.filter(|_| line.starts_with('[') && e.message().contains("duplicate key")) {
+                Some(title) => error.hint(format!(
+                    "where there may be many, each begins with [[{title}]]"
+                )),
+                None => error,
+            }
         })?;
         for (change, place) in self.changes.iter().zip(&self.changed) {
             changes::apply(parsed.get_mut(), change, self.text, place)
@@ -156,6 +165,12 @@ impl<'a> Document<'a> {
             at,
             entries,
         })
+    }
+
+    /// The line around a byte of the text.
+    fn line(&self, byte: usize) -> &'a str {
+        let start = self.text[..byte].rfind('\n').map_or(0, |end| end + 1);
+        self.text[start..].lines().next().unwrap_or("").trim()
     }
 
     fn error(&self, message: String) -> Error {
