@@ -110,7 +110,7 @@ impl<S: Shadows> Lights<'_, S> {
             let mut direct = DirectLight::default();
             let media = suns.and_then(|s| s.of(index));
             match Sun::of(light) {
-                Some(sun) => sun.trace(&mut direct, index, &at, media),
+                Some(sun) => sun.trace(&mut direct, index, &at, false, media),
                 None => delta_lights::trace(&mut direct, light, index, &at, media),
             }
             let weight = seen.response(to_light).max(LEAST);

@@ -417,7 +417,9 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self.each_light(at, which, |index, light| {
             let media = suns.and_then(|s| s.of(index));
             match Sun::of(light) {
-                Some(sun) => sun.trace(&mut total, index, at, media),
+                Some(sun) => {
+                    sun.trace(&mut total, index, at, self.tolerance.by_rays_alone(), media)
+                }
                 None => delta_lights::trace(&mut total, light, index, at, media),
             }
         });
