@@ -17,6 +17,9 @@ pub struct Surface {
     pub albedo: Rgb,
     /// Index into the scene's materials.
     pub material: u32,
+    /// Whether its material reflects anything, here or beside: where a texture is black, a pixel may
+    /// show what is not.
+    pub reflects: bool,
     /// Whether the normals were turned to the triangle's back.
     is_back: bool,
 }
@@ -50,6 +53,7 @@ impl Surface {
             normal,
             albedo: Self::albedo_at(scene, triangle, uv),
             material,
+            reflects: !Rgb(scene.materials[material as usize].albedo).is_black(),
             is_back: false,
         }
     }

@@ -21,14 +21,15 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         let surfaces = corners.map(|c| c.surface.as_ref());
         let like = surfaces[0]?;
         let albedos = surfaces.map(|s| s.map_or(like.albedo, |s| s.albedo));
-        let has_texture = scene.materials[like.material as usize].texture.is_some();
-        if !has_texture && albedos.iter().all(|a| *a == albedos[0]) {
+        let texture = scene.materials[like.material as usize].texture;
+        if texture.is_none() && albedos.iter().all(|a| *a == albedos[0]) {
             return None;
         }
         let pattern = Pattern::new(self.counts.edge, self.key(x, y));
         let at = |[u, v]: [f32; 2]| self.albedo_within([x, y], [u, v], corners);
         let middle = at([0.5; 2]).unwrap_or(like.albedo);
-        if is_even(albedos.into_iter().chain([middle])) {
+        let hides_detail = || texture.is_some_and(|t| self.is_finer_than_pixel(t, corners));
+        if is_even(albedos.into_iter().chain([middle])) && !hides_detail() {
             return None;
         }
         let corner = pattern.corner_weight();
@@ -51,14 +52,16 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             return None;
         }
         let like = corners[0].surface.as_ref()?;
-        scene.materials[like.material as usize].emission_texture?;
+        let texture = scene.materials[like.material as usize].emission_texture?;
         let pattern = Pattern::new(self.counts.edge, self.key(x, y));
         let at = |uv: [f32; 2]| self.emission_within([x, y], uv, corners);
         let of_corners = corners.map(|c| {
             let surface = c.surface.as_ref();
             surface.map_or(Rgb::BLACK, |s| self.emission([x, y], c, s))
         });
-        if is_even(of_corners.into_iter().chain(at([0.5; 2]))) {
+        if is_even(of_corners.into_iter().chain(at([0.5; 2])))
+            && !self.is_finer_than_pixel(texture, corners)
+        {
             return None;
         }
         let corner = pattern.corner_weight();
@@ -71,6 +74,24 @@ impl<A: CameraMedia> PixelShader<'_, A> {
             }
         }
         (weight > 0.0).then(|| sum * (1.0 / weight))
+    }
+
+    /// Whether so many texels lie between the corners of a pixel that these may miss some.
+    fn is_finer_than_pixel(&self, texture: u32, corners: [&Sample<A::Passed>; 4]) -> bool {
+        /// A line of one texel is then seven tenths of a pixel wide.
+        const MOST: f32 = 2.0;
+        let scene = self.view.tracer.scene;
+        let (mesh, triangle) = (&scene.mesh, corners[0].triangle as usize);
+        if mesh.uvs.is_empty() {
+            return false;
+        }
+        let [a, b, c] = mesh.vertices_of(triangle).map(|i| mesh.uvs[i as usize]);
+        let texture = &scene.textures[texture as usize];
+        let texels = (b - a).perp_dot(c - a).abs() * texture.width as f32 * texture.height as f32;
+        let area = |[p, q, r]: [Vec3; 3]| (q - p).cross(r - p).length();
+        let of = |i: usize| corners[i].surface.map_or(Vec3::ZERO, |s| s.position);
+        let of_pixel = area([of(0), of(1), of(2)]) + area([of(3), of(2), of(1)]);
+        texels * of_pixel > 2.0 * MOST * area(mesh.corners(triangle))
     }
 
     /// Emission at a point of a pixel's square; `None` where its piece of surface is not there.

@@ -27,9 +27,9 @@ pub struct Sample<T: PassedMedia> {
 }
 
 impl<T: PassedMedia> Sample<T> {
-    /// The surface, if light on it is seen.
+    /// The surface, if light on it or beside is seen.
     pub fn lit_surface(&self) -> Option<&Surface> {
-        self.surface.as_ref().filter(|s| !s.albedo.is_black())
+        self.surface.as_ref().filter(|s| s.reflects)
     }
 
     /// This sample on a surface of another albedo.

@@ -399,7 +399,7 @@ impl<A: CameraMedia> PixelShader<'_, A> {
 
     /// Indirect irradiance of a surface as the lattice has it, if it does.
     pub fn spread(&self, surface: &Surface, x: u32, y: u32) -> Option<WithSky> {
-        if surface.albedo.is_black() {
+        if !surface.reflects {
             return Some(WithSky::BLACK);
         }
         self.lattice.irradiance(surface, x, y)

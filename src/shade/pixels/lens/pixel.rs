@@ -183,7 +183,7 @@ impl<A: CameraMedia> LensSampler<'_, A> {
         i: u32,
         own: &mut OwnGathers,
     ) -> ([WithSky; 2], Option<A::Passed>) {
-        if surface.albedo.is_black() && A::Passed::IS_VACUUM {
+        if !surface.reflects && A::Passed::IS_VACUUM {
             return ([WithSky::BLACK; 2], None);
         }
         let reach = self.confusion.reach() as f32;
