@@ -81,6 +81,10 @@ use walls::Walls;
 /// meet, rounding hides some of them.
 const MOST_LOST: f64 = 1e-3;
 
+/// Share of the light that surfaces keep from one bounce to the next, from which on that is told: what is
+/// off by a hundredth each time is off by a fifth in all.
+const MOST_KEPT: f64 = 0.95;
+
 /// Writes a tree that sends the light of all bounces, or of so many.
 ///
 /// # Errors
@@ -141,6 +145,13 @@ pub fn run(
             job.progress.warn(&format!(
                 "{lost} of {surfels} surfels stand on no surface of the scene and reflect one bounce \
                  alone: the tree is of another version of the scene"
+            ));
+        }
+        if lit.solution.kept > MOST_KEPT {
+            job.progress.warn(&format!(
+                "surfaces keep {:.1} % of their light from one bounce to the next, and what each bounce is off by adds \
+                 up: the picture may be too bright or too dark by a tenth and more; lower albedos near 1",
+                100.0 * lit.solution.kept
             ));
         }
         job.heed_warnings()?;

@@ -34,12 +34,19 @@ pub struct Solution {
     pub passes: u32,
     /// Share of all light that the bounces which were left out would add, at most.
     pub residual: f64,
+    /// Share of the light of a bounce that the next one has, at last; 0 where a number of them was asked
+    /// for.
+    pub kept: f64,
 }
 
 /// Light that is left once so little of all of it is still to come counts as none.
 const TOLERANCE: f64 = 1e-4;
 /// Bounces after which light that still does not fade is taken to stay for ever.
 const MOST: u32 = 10_000;
+/// Bounces from which on those that are left are told together, once each is a fixed part of the one
+/// before: to this share of what they fade by.
+const STEADY_FROM: u32 = 200;
+const STEADY: f64 = 1e-3;
 /// Residual of media over what their light is made of.
 const MEDIA_TOLERANCE: f64 = 1e-3;
 /// Share of all light that surfaces and media may still have to tell each other.
@@ -79,6 +86,7 @@ impl<K: Share> Exchange<'_, K> {
             light,
             passes: bounces - 1,
             residual: 0.0,
+            kept: 0.0,
         })
     }
 
@@ -149,6 +157,7 @@ impl<K: Share> Exchange<'_, K> {
         };
         let mut last = self.power(&order);
         let mut all = last;
+        let mut last_rate = 0.0;
         while last > 0.0 {
             order = self.passed_on(&order)?;
             for (sum, more) in solution.light.iter_mut().zip(&order) {
@@ -159,12 +168,24 @@ impl<K: Share> Exchange<'_, K> {
             solution.passes += 1;
             // What follows is a geometric series, once the first orders are past.
             let rate = power / last;
+            solution.kept = rate;
             solution.residual = match rate < 1.0 {
                 true => rate / (1.0 - rate) * power / all,
                 false => 1.0,
             };
             last = power;
             if solution.residual < TOLERANCE && solution.passes >= 3 {
+                break;
+            }
+            // Of the orders that are left each is a fixed part of the one before.
+            let is_steady = rate < 1.0 && (rate - last_rate).abs() < STEADY * (1.0 - rate);
+            last_rate = rate;
+            if is_steady && solution.passes >= STEADY_FROM {
+                let tail = (rate / (1.0 - rate)) as f32;
+                for (sum, more) in solution.light.iter_mut().zip(&order) {
+                    *sum += *more * tail;
+                }
+                solution.residual *= STEADY;
                 break;
             }
             if solution.passes >= MOST {
