@@ -5,7 +5,9 @@ use crate::run::size;
 use crate::scene::EnvironmentImage;
 use crate::{Error, Result};
 use exr::meta::MetaData;
+use exr::meta::attribute::Chromaticities;
 use exr::prelude::{ReadChannels, ReadLayers, RgbChannels, Vec2};
+use glam::{Mat3, Vec3};
 use image::ImageDecoder;
 use image::codecs::hdr::HdrDecoder;
 use std::fmt::Display;
@@ -67,15 +69,19 @@ fn open_exr(content: &[u8], files: &mut Files) -> Result<EnvironmentImage> {
     let meta = meta.map_err(|e| refused(&e))?;
     let is_color = |header: &&exr::meta::header::Header| {
         let channels = &header.channels.list;
-        let has = |name: &&str| channels.iter().any(|c| c.name.eq_case_insensitive(name));
+        let has = |name: &&str| channels.iter().any(|c| c.name.eq(*name));
         !header.deep && ["R", "G", "B"].iter().all(has)
     };
     let Some(header) = meta.headers.iter().find(is_color) else {
-        return Err(Error::input(
-            "expected an image with the channels R, G and B, found none",
-        ));
+        let channels = meta.headers.iter().flat_map(|h| &h.channels.list);
+        let names: Vec<String> = channels.map(|c| c.name.to_string()).collect();
+        return Err(Error::input(format!(
+            "expected an image with the channels R, G and B, found {}",
+            names.join(", ")
+        )));
     };
-    let Vec2(width, height) = header.layer_size;
+    let window = ImageWindow::new(header);
+    let Vec2(width, height) = window.size;
     check(width, height, content, files)?;
     type Texels = (usize, Vec<[f32; 3]>);
     let create = |size: Vec2<usize>, _: &RgbChannels| -> Texels {
@@ -92,14 +98,123 @@ fn open_exr(content: &[u8], files: &mut Files) -> Result<EnvironmentImage> {
         .all_attributes()
         .from_buffered(Cursor::new(content))
         .map_err(|e| refused(&e))?;
-    let Vec2(width, height) = image.layer_data.size;
-    let (_, texels) = image.layer_data.channel_data.pixels;
+    let (across, texels) = image.layer_data.channel_data.pixels;
+    let mut texels = window.filled(across, texels);
+    if let Some(primaries) = image.attributes.chromaticities {
+        to_rec709(&primaries, &mut texels);
+    }
+    without_ringing(&mut texels, files);
     let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     EnvironmentImage::new(side(width), side(height), texels)
 }
 
+/// The part of the sphere's image that a file holds.
+struct ImageWindow {
+    /// Pixels of the whole image.
+    size: Vec2<usize>,
+    /// Where those of the file begin in it.
+    from: [i64; 2],
+}
+
+impl ImageWindow {
+    /// The display window, if that is a lat-long image; else what is held counts as one.
+    fn new(header: &exr::meta::header::Header) -> Self {
+        let whole = header.shared_attributes.display_window;
+        let Vec2(width, height) = whole.size;
+        if width != 2 * height {
+            return Self {
+                size: header.layer_size,
+                from: [0; 2],
+            };
+        }
+        let Vec2(x, y) = header.own_attributes.layer_position;
+        let Vec2(x0, y0) = whole.position;
+        Self {
+            size: whole.size,
+            from: [i64::from(x) - i64::from(x0), i64::from(y) - i64::from(y0)],
+        }
+    }
+
+    /// The whole image from the texels that are held, rows of `across`; black elsewhere.
+    fn filled(&self, across: usize, held: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
+        let Vec2(width, height) = self.size;
+        let rows = held.len() / across.max(1);
+        if self.from == [0; 2] && (across, rows) == (width, height) {
+            return held;
+        }
+        let mut texels = vec![[0.0; 3]; width * height];
+        for (row, held) in held.chunks(across.max(1)).enumerate() {
+            for (column, texel) in held.iter().enumerate() {
+                let [x, y] = [column, row].map(|n| n as i64);
+                let (x, y) = (x + self.from[0], y + self.from[1]);
+                if (0..width as i64).contains(&x) && (0..height as i64).contains(&y) {
+                    texels[y as usize * width + x as usize] = *texel;
+                }
+            }
+        }
+        texels
+    }
+}
+
+/// Takes colours of other primaries to those of Rec. 709, of the same chromaticity: white points are
+/// not adapted to each other.
+fn to_rec709(primaries: &Chromaticities, texels: &mut [[f32; 3]]) {
+    /// Of what files write as Rec. 709.
+    const ROUNDING: f32 = 2e-3;
+    let Chromaticities {
+        red,
+        green,
+        blue,
+        white,
+    } = primaries;
+    let found = [red, green, blue, white].map(|Vec2(x, y)| [*x, *y]);
+    let own = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
+    let off = found.as_flattened().iter().zip(own.as_flattened());
+    if off
+        .into_iter()
+        .all(|(a, b): (&f32, &f32)| (a - b).abs() < ROUNDING)
+    {
+        return;
+    }
+    let to_own = xyz_from_rgb(own).inverse() * xyz_from_rgb(found);
+    if !to_own.is_finite() {
+        return;
+    }
+    for texel in texels {
+        *texel = (to_own * Vec3::from(*texel)).max(Vec3::ZERO).to_array();
+    }
+}
+
+/// From red, green and blue of given chromaticities, and white of the last, to CIE XYZ.
+fn xyz_from_rgb(chromaticities: [[f32; 2]; 4]) -> Mat3 {
+    let [r, g, b, white] = chromaticities.map(|[x, y]| Vec3::new(x / y, 1.0, (1.0 - x - y) / y));
+    let primaries = Mat3::from_cols(r, g, b);
+    primaries * Mat3::from_diagonal(primaries.inverse() * white)
+}
+
+/// Takes what is a little negative, as filters leave it beside what is bright, for black, and says so.
+fn without_ringing(texels: &mut [[f32; 3]], files: &mut Files) {
+    /// Of the brightest.
+    const LITTLE: f32 = 0.01;
+    let all = texels.as_flattened();
+    let brightest = all.iter().copied().fold(0.0, f32::max);
+    let least = all.iter().copied().fold(0.0, f32::min);
+    if least >= 0.0 || -least > LITTLE * brightest {
+        return;
+    }
+    let mut count = 0_usize;
+    for value in texels.as_flattened_mut().iter_mut().filter(|v| **v < 0.0) {
+        *value = 0.0;
+        count += 1;
+    }
+    files.warnings.push(format!(
+        "an environment image has {count} values below 0, down to {least:.2e}, which are taken for 0"
+    ));
+}
+
 fn radiance_hdr(content: &[u8], files: &mut Files) -> Result<EnvironmentImage> {
-    let decoder = HdrDecoder::new(Cursor::new(content)).map_err(|e| refused(&e))?;
+    // Not all programs write the same first line.
+    let decoder = HdrDecoder::new_nonstrict(Cursor::new(content)).map_err(|e| refused(&e))?;
     let (width, height) = decoder.dimensions();
     check(width as usize, height as usize, content, files)?;
     let mut texels = vec![[0.0_f32; 3]; width as usize * height as usize];
@@ -160,6 +275,65 @@ mod tests {
     }
 
     #[test]
+    fn a_part_of_an_image_lies_where_its_window_is() {
+        use exr::prelude::{Encoding, SpecificChannels, WritableImage};
+        use exr::prelude::{Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes};
+        let of = |x0: i32, y0: i32| {
+            let pixel = |Vec2(x, y): Vec2<usize>| (1.0 + x as f32, 1.0 + y as f32, 2.0_f32);
+            let attributes = LayerAttributes {
+                layer_position: Vec2(x0, y0),
+                ..LayerAttributes::default()
+            };
+            let channels = SpecificChannels::rgb(pixel);
+            let layer = Layer::new((4, 2), attributes, Encoding::default(), channels);
+            let image = Image {
+                attributes: ImageAttributes::new(IntegerBounds::new((0, 0), (8, 4))),
+                layer_data: layer,
+            };
+            let mut bytes = Cursor::new(Vec::new());
+            image.write().to_buffered(&mut bytes).unwrap();
+            open_exr(&bytes.into_inner(), &mut Files::default()).unwrap()
+        };
+        for [x0, y0] in [[2, 1], [-1, -1], [6, 3]] {
+            let image = of(x0, y0);
+            assert_eq!(image.size(), [8, 4]);
+            for (i, texel) in image.texels().iter().enumerate() {
+                let (x, y) = (i as i32 % 8 - x0, i as i32 / 8 - y0);
+                let is_held = (0..4).contains(&x) && (0..2).contains(&y);
+                let expected = match is_held {
+                    true => [1.0 + x as f32, 1.0 + y as f32, 2.0],
+                    false => [0.0; 3],
+                };
+                assert_eq!(*texel, expected, "{x0} {y0} {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn other_primaries_become_those_of_rec_709() {
+        let ap1 = Chromaticities {
+            red: Vec2(0.713, 0.293),
+            green: Vec2(0.165, 0.83),
+            blue: Vec2(0.128, 0.044),
+            white: Vec2(0.32168, 0.33767),
+        };
+        let mut texels = [[0.2, 0.4, 1.0]];
+        to_rec709(&ap1, &mut texels);
+        for (found, expected) in texels[0].iter().zip([0.025, 0.419, 1.011]) {
+            assert!((found - expected).abs() < 2e-3, "{texels:?}");
+        }
+        let rec709 = Chromaticities {
+            red: Vec2(0.64, 0.33),
+            green: Vec2(0.3, 0.6),
+            blue: Vec2(0.15, 0.06),
+            white: Vec2(0.3127, 0.329),
+        };
+        let mut same = [[0.2, 0.4, 1.0]];
+        to_rec709(&rec709, &mut same);
+        assert_eq!(same, [[0.2, 0.4, 1.0]]);
+    }
+
+    #[test]
     fn bad_files_are_told_in_one_line() {
         let said = |read: fn(&[u8], &mut Files) -> Result<EnvironmentImage>, content: &[u8]| {
             let error = read(content, &mut Files::default()).unwrap_err();
@@ -182,7 +356,7 @@ mod tests {
         let mut bad = texels(8);
         bad[3][1] = f32::NAN;
         assert!(said(open_exr, &exr(8, bad.clone())).contains("column 3 of row 0"));
-        bad[3][1] = -1.0;
+        bad[3][1] = -100.0;
         assert!(said(open_exr, &exr(8, bad)).contains("from 0 to"));
         let mut files = Files::default();
         files.settings.texture_limit = 100;
