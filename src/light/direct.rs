@@ -48,9 +48,33 @@ pub struct ShadowRatio {
     pub shadowed: Rgb,
     /// Light that they would have brought with nothing between.
     pub unshadowed: Rgb,
+    /// That times the square of the share of each ray that arrived, by the mean channel.
+    pub squares: f32,
 }
 
 impl ShadowRatio {
+    /// Notes a ray that would bring `light` with nothing between.
+    pub(super) fn note<K: Spectrum>(&mut self, light: Rgb, transmittance: K) {
+        let arriving = transmittance.filter(light);
+        self.unshadowed += light;
+        self.shadowed += arriving;
+        let (arriving, all) = (arriving.mean(), light.mean());
+        if all > 0.0 {
+            self.squares += arriving * (arriving / all);
+        }
+    }
+
+    /// Variance of the shares of single rays that arrive.
+    #[must_use]
+    pub fn variance(&self) -> f32 {
+        let unshadowed = self.unshadowed.mean();
+        let share = self.share();
+        match unshadowed > 0.0 {
+            true => (self.squares / unshadowed - share * share).max(0.0),
+            false => 0.0,
+        }
+    }
+
     /// The share of the light of all rays that arrives, by its mean channel; 1 if there was none.
     #[must_use]
     #[inline]
@@ -94,6 +118,7 @@ impl AddAssign for ShadowRatio {
     fn add_assign(&mut self, other: Self) {
         self.shadowed += other.shadowed;
         self.unshadowed += other.unshadowed;
+        self.squares += other.squares;
     }
 }
 
@@ -101,6 +126,7 @@ impl MulAssign<f32> for ShadowRatio {
     fn mul_assign(&mut self, scale: f32) {
         self.shadowed *= scale;
         self.unshadowed *= scale;
+        self.squares *= scale;
     }
 }
 
@@ -164,8 +190,7 @@ impl DirectLight {
 
     /// Notes a ray to a light with an extent that would bring `light` with nothing between.
     pub(super) fn note_ray<K: Spectrum>(&mut self, index: usize, light: Rgb, transmittance: K) {
-        self.ratio.unshadowed += light;
-        self.ratio.shadowed += transmittance.filter(light);
+        self.ratio.note(light, transmittance);
         self.visibility.note_ray(index, transmittance.mean());
     }
 }

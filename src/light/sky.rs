@@ -213,8 +213,7 @@ impl Excess {
                 // In media what is sent is what rays bring.
                 let arrives = transmittance.mean_of(light) / rays.count() as f32;
                 at.receiver.note(direction, arrives, Arrival::Delta);
-                total.sky.ratio.unshadowed += light;
-                total.sky.ratio.shadowed += transmittance.filter(light);
+                total.sky.ratio.note(light, transmittance);
                 total
                     .visibility
                     .note_ray(SET as usize, transmittance.mean());

@@ -32,8 +32,18 @@ struct RaysToLights {
     quarters: [ShadowRatio; 4],
     /// Of the pixel's own four corners.
     own: ShadowRatio,
-    /// Variances of the rays of each corner, added up.
+    /// Variances of the rays of each corner, added up, as if each ray brought all or nothing.
     within: f32,
+    /// Those variances as they are.
+    found_within: f32,
+}
+
+/// What rays near a pixel tell.
+#[derive(Clone, Copy)]
+struct Told {
+    arrived: ShadowRatio,
+    /// Whether that is of the pixel's own corners, whose rays agree: more of them would blur it.
+    is_own: bool,
 }
 
 impl NearbyRays {
@@ -59,8 +69,10 @@ impl NearbyRays {
             return LightAtPixel::Edge;
         };
         let [of_lamps, of_sky] = squares().unwrap_or_default();
-        let wide = |narrow, squares: Option<Squares>| {
-            squares.and_then(|s| s.wide(narrow)).unwrap_or(narrow)
+        let wide = |told: Told, squares: Option<Squares>| {
+            let squares = squares.filter(|_| !told.is_own);
+            let wide = squares.and_then(|s| s.wide(told.arrived));
+            wide.unwrap_or(told.arrived)
         };
         LightAtPixel::Arrived {
             lamps: wide(lamps, of_lamps),
@@ -115,10 +127,16 @@ impl RaysToLights {
     const MIN_VARIANCE_WITHIN: f32 = 0.45;
     /// Variance of all of them up to which it does not matter: one in 20 is hidden, or arrives.
     const FAINT_VARIANCE: f32 = 0.05;
+    /// Variance within corners over that of rays which bring all or nothing, up to which the rays of a
+    /// corner agree: what dims them is a medium, and the light has a narrow extent.
+    const MAX_AGREEING: f32 = 0.1;
+    /// The least of the latter that tells this.
+    const LEAST_DIMMED: f32 = 0.01;
 
     fn add(&mut self, row: usize, column: usize, ratio: ShadowRatio) {
         self.quarters[row / 2 * 2 + column / 2] += ratio;
         self.within += variance(ratio);
+        self.found_within += ratio.variance();
         if (1..3).contains(&row) && (1..3).contains(&column) {
             self.own += ratio;
         }
@@ -129,14 +147,24 @@ impl RaysToLights {
     }
 
     /// What arrived along them, if that tells the light of the pixel.
-    fn lit(&self, corners: f32) -> Option<ShadowRatio> {
+    fn lit(&self, corners: f32) -> Option<Told> {
+        let of_own = Told {
+            arrived: self.own,
+            is_own: true,
+        };
+        if self.within > Self::LEAST_DIMMED * corners
+            && self.found_within < Self::MAX_AGREEING * self.within
+        {
+            // An edge within the pixel is for samples of its own.
+            return (self.own.variance() <= Self::FAINT_VARIANCE).then_some(of_own);
+        }
         let all = self.all();
         let of_all = variance(all);
         if of_all > Self::FAINT_VARIANCE
             && self.within < Self::MIN_VARIANCE_WITHIN * of_all * corners
         {
             return match self.own.share() {
-                0.0 | 1.0 => Some(self.own),
+                0.0 | 1.0 => Some(of_own),
                 _ => None,
             };
         }
@@ -145,7 +173,11 @@ impl RaysToLights {
         };
         let is_narrow =
             differ(self.half(0, 1), self.half(2, 3)) || differ(self.half(0, 2), self.half(1, 3));
-        (!is_narrow).then_some(all)
+        let told = Told {
+            arrived: all,
+            is_own: false,
+        };
+        (!is_narrow).then_some(told)
     }
 
     /// Two quarters.
@@ -170,6 +202,7 @@ mod tests {
         ShadowRatio {
             shadowed: Rgb([64.0 * share; 3]),
             unshadowed: Rgb([64.0; 3]),
+            squares: 64.0 * share,
         }
     }
 
@@ -184,6 +217,32 @@ mod tests {
         assert_eq!(wide([0.25, 0.3125, 0.25, 0.3125], 0.28), Some(0.28125));
         assert_eq!(wide([1.0; 4], 1.0), Some(1.0));
         assert_eq!(wide([0.0; 4], 0.0), Some(0.0));
+    }
+
+    /// A smooth shadow of smoke before a narrow light, and the same shares of rays that bring all or
+    /// nothing.
+    #[test]
+    fn rays_that_a_medium_dims_are_not_blurred() {
+        let lit = |is_dimmed: bool| {
+            let mut rays = RaysToLights::default();
+            for (row, column) in (0..4).flat_map(|row| (0..4).map(move |column| (row, column))) {
+                let share = 0.25 * column as f32;
+                rays.add(
+                    row,
+                    column,
+                    ShadowRatio {
+                        shadowed: Rgb([4.0 * share; 3]),
+                        unshadowed: Rgb([4.0; 3]),
+                        squares: 4.0 * if is_dimmed { share * share } else { share },
+                    },
+                );
+            }
+            rays.lit(16.0)
+        };
+        let dimmed = lit(true).unwrap();
+        assert!(dimmed.is_own);
+        assert_eq!(dimmed.arrived.unshadowed.0[0], 16.0);
+        assert!(!lit(false).is_some_and(|told| told.is_own));
     }
 
     #[test]
