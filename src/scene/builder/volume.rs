@@ -27,6 +27,70 @@ pub struct VolumeInput {
 }
 
 impl VolumeInput {
+    /// Longest edge of a voxel over its shortest up to which voxels are near enough to cubes.
+    const NEARLY_CUBES: f64 = 2.5;
+    /// Optical depth of the longest edge of a voxel up to which its form does not matter.
+    const THIN: f64 = 0.7;
+    /// Most voxels that are made of those of a file: of each, or of all if these are more.
+    const MOST_OF_EACH: usize = 16;
+    const MOST_OF_ALL: usize = 1 << 24;
+
+    /// The same medium on voxels that are nearly cubes, if it is dense: layers are put between those of
+    /// scans in thick slices. Blocks of voxels are as deep as they are long, and what is deep is
+    /// divided into single ones, whatever their width.
+    ///
+    /// By odd numbers, so that each voxel keeps its value and the light sees the same medium.
+    pub(super) fn on_even_voxels(self) -> Self {
+        let parts = self.parts_of_voxels();
+        if parts == [1; 3] {
+            return self;
+        }
+        let dims: [usize; 3] = std::array::from_fn(|a| self.sigma_t.dims()[a] * parts[a]);
+        let finer = |grid: &Grid| {
+            Grid::from_fn(dims, |at| {
+                let middle = |a: usize| (at[a] as f32 + 0.5) / parts[a] as f32;
+                grid.sample([middle(0), middle(1), middle(2)].into())
+            })
+        };
+        let albedo_grid = self.albedo_grid.as_ref().map(|grid| {
+            let channels = grid.channels().each_ref();
+            AlbedoGrid::new(channels.map(|channel| finer(channel).into()))
+        });
+        let smaller = DAffine3::from_scale(DVec3::from(parts.map(|n| 1.0 / n as f64)));
+        Self {
+            sigma_t: finer(&self.sigma_t),
+            albedo_grid,
+            world_from_grid: self.world_from_grid * smaller,
+            ..self
+        }
+    }
+
+    /// Into how many each voxel is divided along each axis.
+    fn parts_of_voxels(&self) -> [usize; 3] {
+        let m = self.world_from_grid.matrix3;
+        let edges = [m.x_axis, m.y_axis, m.z_axis].map(DVec3::length);
+        let shortest = edges.into_iter().fold(f64::INFINITY, f64::min);
+        let densest = f64::from(self.sigma_t.max());
+        let mut parts = edges.map(|edge| {
+            let longer = edge / shortest;
+            match longer > Self::NEARLY_CUBES && edge * densest > Self::THIN {
+                // The nearest odd number.
+                true => 2 * (0.5 * longer).min(1e6) as usize + 1,
+                false => 1,
+            }
+        });
+        let dims = self.sigma_t.dims();
+        let voxels = |parts: &[usize; 3]| {
+            let along = dims.iter().zip(parts);
+            along.fold(1_usize, |all, (n, p)| all.saturating_mul(n * p))
+        };
+        let most = Self::MOST_OF_ALL.max(voxels(&[Self::MOST_OF_EACH, 1, 1]));
+        while voxels(&parts) > most && parts != [1; 3] {
+            parts = parts.map(|n| (n / 2) & !1 | 1);
+        }
+        parts
+    }
+
     /// The medium, in the space of a scene.
     pub(super) fn in_scene(self, scene_from_world: DAffine3) -> Volume {
         let scene_from_index = scene_from_world * self.world_from_grid;
@@ -164,5 +228,61 @@ impl VolumeInput {
             )),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+    use glam::Vec3;
+
+    fn of(dims: [usize; 3], edges: [f64; 3], scale: f32) -> VolumeInput {
+        let grid = Grid::from_fn(dims, |at| {
+            scale * sampling::unit(sampling::hash(&at.map(|i| i as u64)))
+        });
+        let placement = DAffine3::from_scale(edges.into());
+        VolumeInput::new("slices", grid, [0.5; 3], placement)
+    }
+
+    #[test]
+    fn thick_slices_are_the_same_medium_on_more_voxels() {
+        let grid = |v: &VolumeInput| v.sigma_t.clone();
+        let colors = [0.2, 0.5, 0.9].map(|a| Grid::from_fn([9, 7, 4], move |_| a));
+        let thick = of([9, 7, 4], [0.5, 0.5, 4.6], 3.0).albedo_grid(colors);
+        let (before, place) = (grid(&thick), thick.world_from_grid);
+        let even = thick.on_even_voxels();
+        assert_eq!(even.sigma_t.dims(), [9, 7, 36]);
+        for i in 0..500 {
+            let [x, y] = sampling::r2(i, [0.3, 0.8]);
+            let z = sampling::unit(sampling::hash(&[i]));
+            let at = DVec3::new(f64::from(x) * 9.0, f64::from(y) * 7.0, f64::from(z) * 4.0);
+            let world = place.transform_point3(at);
+            let finer = even.world_from_grid.inverse().transform_point3(world);
+            let [a, b] = [
+                before.sample(at.as_vec3()),
+                even.sigma_t.sample(finer.as_vec3()),
+            ];
+            assert!((a - b).abs() < 1e-4, "{at}: {a} {b}");
+        }
+        let albedo = even.albedo_grid.unwrap().at(Vec3::new(4.0, 3.0, 20.0));
+        assert_eq!(albedo.0, [0.2, 0.5, 0.9]);
+    }
+
+    #[test]
+    fn other_voxels_stay() {
+        for (dims, edges, scale) in [
+            ([9, 7, 4], [0.5, 0.5, 1.2], 3.0),
+            ([9, 7, 4], [0.5, 0.5, 4.6], 0.1),
+            ([9, 7, 4], [2.0; 3], 9.0),
+        ] {
+            assert_eq!(of(dims, edges, scale).parts_of_voxels(), [1; 3]);
+        }
+        // No more than memory is meant to hold.
+        let [x, y, z] = of([1, 1, 2000], [2000.0, 2000.0, 1.0], 1.0).parts_of_voxels();
+        assert!(
+            z == 1 && x == y && x > 40 && x * y * 2000 <= VolumeInput::MOST_OF_ALL,
+            "{x}"
+        );
     }
 }
