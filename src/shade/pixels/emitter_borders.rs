@@ -186,6 +186,7 @@ impl EmitterBorders {
     ) -> SeenEmitters {
         let scene = view.tracer.scene;
         let origin = view.camera.origin();
+        let rays = self.rays_to_each(x, y);
         let mut seen = SeenEmitters::default();
         for (triangle, part) in self.parts(view, x, y) {
             let area = part.area();
@@ -201,7 +202,7 @@ impl EmitterBorders {
             let has_texture = material.emission_texture.is_some();
             let mut through = S::Share::default();
             let mut light = Rgb::BLACK;
-            for i in 0..self.rays {
+            for i in 0..rays {
                 let at = part.point(sampling::sobol2(i, 0, seed));
                 let d = view.camera.direction(&view.film, at.x as f32, at.y as f32);
                 let t = (corners[0] - origin).dot(normal) / d.dot(normal);
@@ -216,14 +217,34 @@ impl EmitterBorders {
                     }
                 }
             }
-            let share = through.each(|through| area as f32 * through / self.rays as f32);
+            let share = through.each(|through| area as f32 * through / rays as f32);
             seen.radiance += match has_texture {
-                true => light * (area as f32 / self.rays as f32),
+                true => light * (area as f32 / rays as f32),
                 false => share.filter(Rgb(material.emission)),
             };
             seen.share += share.mean();
         }
+        if seen.share > Self::COINCIDENT {
+            seen.radiance *= 1.0 / seen.share;
+            seen.share = 1.0;
+        }
         seen
+    }
+
+    /// Share of a pixel that emitters which do not lie in each other never seem to cover, by however few
+    /// rays.
+    const COINCIDENT: f32 = 1.5;
+
+    /// Rays to the part of each emitter in a pixel: fewer where many small triangles are parts of one
+    /// lamp, or lamps are many.
+    fn rays_to_each(&self, x: u32, y: u32) -> u32 {
+        /// Parts up to which each has all of them.
+        const FEW: u32 = 4;
+        let parts = self.entries(x, y).len() as u32;
+        match parts <= FEW {
+            true => self.rays,
+            false => (FEW * self.rays / parts).max(1),
+        }
     }
 }
 
