@@ -22,7 +22,10 @@ import math
 import os
 import sys
 
-import bpy
+try:
+    import bpy
+except ImportError:
+    sys.exit("blender_export.py needs Blender's Python module: pip install bpy, or run it by blender -b FILE -P")
 from mathutils import Matrix
 
 # Inside Blender the folder of a script is not searched.

@@ -20,7 +20,10 @@ import os
 import struct
 import sys
 
-from pxr import Ar, Gf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, UsdVol
+try:
+    from pxr import Ar, Gf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade, UsdVol
+except ImportError:
+    sys.exit("usd_export.py needs USD's Python module: pip install usd-core")
 from scene_text import copied, frames_of, table, text, warn
 
 

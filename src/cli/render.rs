@@ -18,7 +18,7 @@ use crate::tree::OpenTree;
 use crate::{Error, Result, bake, bounce, build};
 use std::path::{Path, PathBuf};
 
-/// Render a scene: bake, build and shade in one go
+/// Render a scene: bake, build, bounce and shade in one go
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]

@@ -234,6 +234,7 @@ impl Field {
             error("the value leaves the range of f32")
         } else if !value.is_finite() {
             error("the value is not finite")
+                .hint("write 0 in the place of such values, as numpy.nan_to_num does")
         } else if value < 0.0 {
             error("the density is negative")
                 .hint("give the values that mean 0 and 1 as `window = [low, high]`")

@@ -233,6 +233,7 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
             refuse_group(path, &files.settings)?;
             let content = files.read("scene", path)?;
             let import = gltf::read(&content, path, files).map_err(|e| e.at(path.display()))?;
+            import.tell_photometric(path, files);
             import.into_scene(path).map_err(|e| e.at(path.display()))
         }
         "xml" => {

@@ -376,10 +376,8 @@ impl Reader<'_> {
             }
         }
         if !name.is_empty() {
-            self.files.warn(format!(
-                "{}: the material `{name}` is in no material file; it is grey",
-                self.path.display()
-            ));
+            let what = "materials that are in no material file are grey";
+            self.left_out.note(what, format_args!("`{name}`"));
         }
         let grey = Material::diffuse(name, DEFAULT_ALBEDO);
         self.add(grey, UvMap::IDENTITY)
@@ -508,12 +506,12 @@ mod tests {
         assert_eq!(
             warnings,
             [
-                "x.obj: the material `x # y` is in no material file; it is grey",
                 "x.obj: texture coordinates that are no numbers are taken as 0: line 4",
                 "x.obj: normals that are no numbers give way to those of faces: line 5",
                 "x.obj: references to `vt` and `vn` that are not there are left out: line 6",
                 "x.obj: faces of less than 3 corners are left out: line 7, line 8",
                 "x.obj: points and lines are left out: line 9, line 10",
+                "x.obj: materials that are in no material file are grey: `x # y`",
                 "x.obj: free-form curves and surfaces are left out: line 12",
             ]
         );

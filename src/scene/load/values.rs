@@ -4,6 +4,7 @@ use super::layers::{Voxels, layers};
 use super::suggest::{self, SuggestedWindow};
 use crate::Result;
 use crate::run::Cancel;
+use crate::scene::Grid;
 use crate::scene::grid::VoxelBox;
 use std::path::{Path, PathBuf};
 
@@ -39,6 +40,30 @@ pub struct GridValues {
     pub histogram: Histogram,
     /// A window for them; none if all are the same.
     pub suggested: Option<SuggestedWindow>,
+}
+
+impl GridValues {
+    /// The values of a medium of which a scene file says a formula.
+    pub(super) fn of_made(file: PathBuf, grid: &Grid) -> Self {
+        let values = grid.means([1; 3]);
+        let active = values.iter().filter(|v| **v > 0.0).count();
+        let sum: f64 = values.iter().copied().map(f64::from).sum();
+        Self {
+            file,
+            grid: None,
+            patient_space: None,
+            dims: grid.dims(),
+            first: [0; 3],
+            active: active as u64,
+            negative: 0,
+            not_finite: 0,
+            min: values.iter().copied().fold(f32::INFINITY, f32::min),
+            max: values.iter().copied().fold(0.0, f32::max),
+            active_mean: sum / active.max(1) as f64,
+            histogram: Histogram::default(),
+            suggested: None,
+        }
+    }
 }
 
 /// Counts of values in bins of equal width.

@@ -268,8 +268,12 @@ fn mesh_file(
             ply::read(&content, path, &coloring, files)
         }
         "obj" => obj::read(&content, path, keys.encoding, files),
-        _ => gltf::read(&content, path, files)
-            .and_then(|import| take(import, &keys, world_from_mesh, builder)),
+        _ => gltf::read(&content, path, files).and_then(|import| {
+            if keys.imports.contains(&1) && keys.light_scale == 1.0 {
+                import.tell_photometric(path, files);
+            }
+            take(import, &keys, world_from_mesh, builder)
+        }),
     };
     let mesh = mesh.map_err(|e| e.at(path.display()))?;
     // A glTF file may hold nothing but cameras, lights or a volume.

@@ -270,7 +270,11 @@ fn looks(table: &Table<'_>, scene: &Path, files: &mut Files) -> Result<Looks> {
         sigma_t: sigma_t_scale * factor("value_scale")?.unwrap_or(1.0),
         density,
     };
-    let albedo = table.require("albedo")?.color(1.0)?;
+    let albedo = match table.get("albedo") {
+        // What is not there scatters nothing, as of a flame alone.
+        None if sigma_t_scale == 0.0 => [0.0; 3],
+        _ => table.require("albedo")?.color(1.0)?,
+    };
     Ok(Looks::One(scale, albedo, extinction_color))
 }
 

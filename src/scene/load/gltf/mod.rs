@@ -68,6 +68,30 @@ pub(super) struct ImportedCamera {
 }
 
 impl Import {
+    /// Warns of lights that are taken as they are and seem to be in photometric units.
+    pub(super) fn tell_photometric(&self, path: &Path, files: &mut Files) {
+        let bright = |light: &LightInput| match light.light {
+            Light::Point { intensity, .. } | Light::Spot { intensity, .. } => Some(intensity),
+            Light::Directional { irradiance, .. } => Some(irradiance),
+            _ => None,
+        };
+        let bright = self.lights.iter().filter_map(bright);
+        let mut bright = bright.filter(|i| i.iter().any(|x| *x >= LUMENS_PER_WATT));
+        let Some(first) = bright.next() else {
+            return;
+        };
+        let others = match bright.count() {
+            0 => String::new(),
+            n => format!(" and {n} others"),
+        };
+        files.warn(format!(
+            "{}: a light of intensity {first:?}{others} is taken as radiometric; if it is in candela or lux, as Blender \
+             writes it, radiance comes out {LUMENS_PER_WATT} times as high: `light_scale = {LIGHT_SCALE}` beside \
+             `import` in a scene file mends that",
+            path.display()
+        ));
+    }
+
     /// The file as a whole scene, the film as wide as its first camera sees.
     pub(super) fn into_scene(self, path: &Path) -> Result<SceneBuilder> {
         self.mesh.check()?;
@@ -264,13 +288,6 @@ impl<'a> Reader<'a> {
             return Err(Error::input(format!(
                 "a light of intensity {intensity:?}: expected 0 to {MAX_EMISSION:e}"
             )));
-        }
-        if intensity.iter().any(|x| *x >= LUMENS_PER_WATT) {
-            self.warn(format!(
-                "a light of intensity {intensity:?} is taken as radiometric; if it is in candela or lux, as Blender \
-                 writes it, radiance comes out {LUMENS_PER_WATT} times as high: `light_scale = {LIGHT_SCALE}` beside \
-                 `import` in a scene file mends that"
-            ));
         }
         let direction = -without_scale(world_from_node).matrix3.z_axis.as_vec3();
         let position = Vec3::ZERO;
@@ -499,14 +516,6 @@ impl<'a> Reader<'a> {
             Err(e) => Err(e),
         };
         texture::noted(image, format_args!("image {index}"), &mut self.left_out)
-    }
-
-    fn warn(&mut self, message: String) {
-        let message = format!("{}: {message}", self.path.display());
-        // One primitive after another may have the same to say.
-        if !self.files.warnings.contains(&message) {
-            self.files.warn(message);
-        }
     }
 }
 

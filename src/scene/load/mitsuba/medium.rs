@@ -5,6 +5,7 @@ use super::{Reader, plugins};
 use crate::Result;
 use crate::scene::builder::VolumeInput;
 use crate::scene::load::scale::Scale;
+use crate::scene::load::values::GridValues;
 use crate::scene::load::vol::Vol;
 use crate::scene::{Grid, PhaseFunction};
 use glam::{DAffine3, DVec3};
@@ -67,6 +68,10 @@ impl Reader<'_> {
                 };
                 let is_ball = shape.kind() == "sphere";
                 let (grid, world_from_grid) = uniform(sigma_t, &(*to_world * own), is_ball);
+                if let Some(values) = &mut self.files.values {
+                    let file = self.files.paths.first().cloned().unwrap_or_default();
+                    values.push(GridValues::of_made(file, &grid));
+                }
                 let volume = VolumeInput::new(name, grid, albedo, world_from_grid);
                 let volume = volume.extinction_color(color).phase(phase);
                 self.builder.volumes.push(volume);

@@ -216,7 +216,11 @@ impl<'a> Item<'a> {
     }
 
     fn color_in(&self, value: &Spanned<DeValue<'_>>, high: f32) -> Result<[f32; 3]> {
-        let numbers = self.numbers_in::<3>(value)?;
+        let numbers = match value.get_ref() {
+            // Grey.
+            DeValue::Integer(_) | DeValue::Float(_) => [self.number_in(value)?; 3],
+            _ => self.numbers_in::<3>(value)?,
+        };
         let color = numbers.map(|n| n as f32);
         if let Some(n) = numbers.iter().find(|n| **n < 0.0) {
             return Err(self.error(format_args!("{} is negative", brief(*n))));
