@@ -91,6 +91,35 @@ fn commands_lead_to_the_images() {
     assert_eq!(steps.iter().map(of_step).collect::<String>(), text);
 }
 
+/// Fails at a verb as if its process was killed.
+const FLAKY: &str = r#"#!/bin/sh
+[ "$1" = "$FAILS" ] && exit 137
+exec LVOX "$@"
+"#;
+
+#[test]
+fn a_shell_stops_where_a_command_fails() {
+    let work = smoke();
+    let lvox = env!("CARGO_BIN_EXE_lvox");
+    program(&work, "lvox", &FLAKY.replace("LVOX", &format!("'{lvox}'")));
+    let text = printed(&work, "commands", &["-o", "f.####.exr"]);
+    fs::write(work.path("job.sh"), &text).unwrap();
+    run(&work, "sh -e job.sh");
+    let made = read(&work, "f.0001.exr");
+    // What was made of another scene is not taken where what replaces it cannot be made.
+    let scene = fs::read_to_string(work.path("scene.toml")).unwrap();
+    fs::write(
+        work.path("scene.toml"),
+        scene.replace("[5, 5, 5]", "[50, 5, 5]"),
+    )
+    .unwrap();
+    for verb in ["bake", "build", "bounce", "scatter", "pack", "shade"] {
+        let output = sh(&work, &format!("FAILS={verb} sh -e job.sh"));
+        assert_eq!(output.status.code(), Some(137), "{verb}");
+        assert!(read(&work, "f.0001.exr") == made, "{verb}");
+    }
+}
+
 /// Runs the tasks of an array one after the other, and notes how it was called.
 const SBATCH: &str = r#"#!/bin/bash
 echo "$*" >>calls

@@ -399,7 +399,9 @@ impl Line {
     }
 }
 
-/// Command lines as a shell reads them, each of which needs the one before.
+/// Command lines as a shell reads them on one line, each of which needs the one before. Several are in
+/// a subshell: `sh -e` goes on where one of `a && b` fails that is not the last, but not where `(a && b)`
+/// does.
 ///
 /// # Errors
 /// A word that no shell can be told.
@@ -409,5 +411,8 @@ pub fn shell(commands: &[Vec<String>]) -> Result<String> {
             .map_err(|_| Error::input("a name has a byte of zero"))
     };
     let lines: Vec<String> = commands.iter().map(line).collect::<Result<_>>()?;
-    Ok(lines.join(" && "))
+    Ok(match &lines[..] {
+        [line] => line.clone(),
+        _ => format!("({})", lines.join(" && ")),
+    })
 }
