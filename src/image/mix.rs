@@ -1,14 +1,19 @@
 //! Images of groups of lights added up: light is a sum, so that a frame is lit anew by factors on
 //! what each group sends, without another ray.
 
-use super::{Frame, Layer};
+use super::{CameraMatrices, Frame, Layer};
 use crate::{Error, Result};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 /// The attribute that names the group of lights which alone lit an image.
 pub const GROUP: &str = "lvox/group";
+/// The attribute that has the number of the frame.
+const FRAME: &str = "lvox/frame";
+/// The attribute that has the settings of an image, the name of its camera among them.
+const SETTINGS: &str = "lvox/settings";
 /// Names of layers of the light of a group begin so.
 pub const LIGHT: &str = "light.";
 /// Layers of light of all groups: sums, as the beauty is.
@@ -82,7 +87,7 @@ pub struct Mixed {
 /// Adds images up, with factors on the light of groups.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] for images of different pixels, a group that is there twice, an image
+/// [`crate::Kind::Input`] for images of different pixels, frames or cameras, a group that is there twice, an image
 /// without groups, or a factor on a group that is not there.
 pub fn mix(parts: Vec<Part>, scales: &[GroupScale]) -> Result<Mixed> {
     let Some(first) = parts.first() else {
@@ -152,6 +157,7 @@ fn lights(parts: &[Part]) -> Result<Vec<GroupLight<'_>>> {
             ))
             .hint("merge the tiles of each group first"));
         }
+        check_view(&parts[0], part)?;
         let of_group = part.group.as_deref().zip(frame.layer(""));
         let layers = frame.layers.iter().filter_map(|layer| {
             let group = layer.name.strip_prefix(LIGHT)?;
@@ -178,6 +184,57 @@ fn lights(parts: &[Part]) -> Result<Vec<GroupLight<'_>>> {
         }
     }
     Ok(lights)
+}
+
+/// Refuses an image that shows another frame than the first one, or shows it through another camera:
+/// the sum would show both. What only one of them tells is no difference, as images may have come
+/// through other programs.
+fn check_view(first: &Part, part: &Part) -> Result<()> {
+    let differ = |what: &str, told: [Option<String>; 2]| {
+        let [Some(here), Some(there)] = told else {
+            return Ok(());
+        };
+        if here == there {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "{} does not belong to the frame of {}: {what} is {here}, there {there}",
+            part.path.display(),
+            first.path.display()
+        ))
+        .hint("add up groups of one frame only, seen by one camera"))
+    };
+    let both = [part, first];
+    differ(FRAME, both.map(|p| p.frame.attributes.get(FRAME).cloned()))?;
+    differ("the camera", both.map(camera_name))?;
+    let (Some(here), Some(there)) = (part.frame.camera, first.frame.camera) else {
+        return Ok(());
+    };
+    let matrices: [(&str, fn(&CameraMatrices) -> &[f32; 16]); 2] = [
+        ("worldToCamera", |c| &c.world_to_camera),
+        ("worldToNDC", |c| &c.world_to_ndc),
+    ];
+    for (name, of) in matrices {
+        if let Some(i) = first_difference(of(&here), of(&there)) {
+            let told = [of(&here), of(&there)].map(|matrix| Some(matrix[i].to_string()));
+            differ(&format!("{name}[{i}]"), told)?;
+        }
+    }
+    Ok(())
+}
+
+/// The first place where matrices differ by more than rounding.
+fn first_difference(a: &[f32; 16], b: &[f32; 16]) -> Option<usize> {
+    const ROUNDING: f32 = 1e-4;
+    let largest = a.iter().chain(b).fold(0.0_f32, |most, x| most.max(x.abs()));
+    let are_close = |(a, b): (&f32, &f32)| (a - b).abs() <= ROUNDING * largest;
+    a.iter().zip(b).position(|pair| !are_close(pair))
+}
+
+/// The camera by the name that the scene gives it.
+fn camera_name(part: &Part) -> Option<String> {
+    let settings: Value = serde_json::from_str(part.frame.attributes.get(SETTINGS)?).ok()?;
+    settings["camera"].as_str().map(Into::into)
 }
 
 fn check_scales(lights: &[GroupLight<'_>], scales: &[GroupScale]) -> Result<()> {
@@ -375,6 +432,39 @@ mod tests {
         let mut grey = part("fill", 1.0);
         grey.frame.layers[0].channels.remove(1);
         refused(vec![grey], &[], &["fill", "no G"]);
+        let seen = |group, frame: &str, camera: &str, x: f32| {
+            let mut part = part(group, 1.0);
+            let told = [
+                (FRAME, frame.to_owned()),
+                (SETTINGS, format!(r#"{{"camera":"{camera}","samples":4}}"#)),
+            ];
+            let told = told.map(|(name, value)| (name.to_owned(), value));
+            part.frame.attributes.extend(told);
+            part.frame.camera = Some(CameraMatrices {
+                world_to_camera: [x; 16],
+                world_to_ndc: [0.5; 16],
+            });
+            part
+        };
+        let first = || seen("key", "2", "fly", 1.0);
+        for (other, words) in [
+            (
+                seen("fill", "4", "fly", 1.0),
+                ["fill", "frame of key", "lvox/frame is 4, there 2"],
+            ),
+            (
+                seen("fill", "2", "front", 1.0),
+                ["fill", "frame of key", "the camera is front, there fly"],
+            ),
+            (
+                seen("fill", "2", "fly", 2.0),
+                ["fill", "frame of key", "worldToCamera[0] is 2, there 1"],
+            ),
+        ] {
+            refused(vec![first(), other], &[], &words);
+        }
+        mix(vec![first(), seen("fill", "2", "fly", 1.000_01)], &[]).unwrap();
+        mix(vec![first(), part("fill", 1.0)], &[]).unwrap();
         for wrong in ["key", "key=", "key=1,2", "key=-1", "key=nan", "=2"] {
             assert!(wrong.parse::<GroupScale>().is_err(), "{wrong}");
         }
