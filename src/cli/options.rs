@@ -113,10 +113,12 @@ pub struct Resume {
 }
 
 impl Resume {
-    /// Whether an output may be replaced: one that is of the right kind, but of another origin.
+    /// Whether an output may be replaced: one that is of the right kind, but of another origin, or
+    /// one that the same command, run beside this one, makes meanwhile.
     pub fn overwrite(self, path: &Path, kind: FileKind, context: &Context) -> Overwrite {
+        let is_free = || path.symlink_metadata().is_err();
         let is_of_kind = || FileKind::of_file(path).is_ok_and(|found| found == kind);
-        match self.resume && is_of_kind() {
+        match self.resume && (is_free() || is_of_kind()) {
             true => Overwrite::Replace,
             false => context.overwrite,
         }
@@ -344,5 +346,35 @@ impl Shared {
             kept: RefCell::default(),
             first_stage: 0,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_goes_on_may_replace_its_own_kind_alone() {
+        let context = Context {
+            job: Job::default(),
+            overwrite: Overwrite::Refuse,
+            report_path: RefCell::default(),
+            outputs: Vec::new(),
+            frames: None,
+            frame: None,
+            kept: RefCell::default(),
+            first_stage: 0,
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let (free, notes) = (dir.path().join("free"), dir.path().join("notes"));
+        std::fs::write(&notes, "mine").unwrap();
+        for (resume, path, expected) in [
+            (true, &free, Overwrite::Replace),
+            (true, &notes, Overwrite::Refuse),
+            (false, &free, Overwrite::Refuse),
+        ] {
+            let found = Resume { resume }.overwrite(path, FileKind::Cloud, &context);
+            assert_eq!(found, expected, "{resume} {}", path.display());
+        }
     }
 }

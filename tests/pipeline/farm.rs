@@ -91,6 +91,20 @@ fn commands_lead_to_the_images() {
     assert_eq!(steps.iter().map(of_step).collect::<String>(), text);
 }
 
+#[test]
+fn every_task_may_run_beside_itself() {
+    let work = smoke();
+    with_lvox(&work);
+    let text = printed(&work, "commands", &["-o", "g.####.exr", "--parts", "2"]);
+    for line in text.lines() {
+        let both = format!("{line} & one=$!; {line} & two=$!; wait $one && wait $two");
+        run(&work, &both);
+    }
+    for frame in [1, 3] {
+        assert!(read(&work, &format!("g.000{frame}.exr")) == whole(&work, frame));
+    }
+}
+
 /// Fails at a verb as if its process was killed.
 const FLAKY: &str = r#"#!/bin/sh
 [ "$1" = "$FAILS" ] && exit 137
