@@ -6,13 +6,31 @@ use crate::{Error, Result};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// The words of the command line in a frame. What is not UTF-8 stays as it is.
+/// The words of the command line in a frame.
 pub fn words(words: impl Iterator<Item = OsString>, frame: i32) -> Vec<OsString> {
     let at_frame = |word: OsString| match word.to_str() {
         Some(text) => frames::at_frame(text, frame).into_owned().into(),
-        None => word,
+        None => at_frame_around_foreign_bytes(word, frame),
     };
     words.map(at_frame).collect()
+}
+
+/// A word in a frame whose other bytes, as in names of folders in Latin-1, stay as they are.
+#[cfg(unix)]
+fn at_frame_around_foreign_bytes(word: OsString, frame: i32) -> OsString {
+    use std::os::unix::ffi::OsStringExt;
+    let mut bytes = Vec::with_capacity(word.len() + 8);
+    for chunk in word.into_vec().utf8_chunks() {
+        bytes.extend_from_slice(frames::at_frame(chunk.valid(), frame).as_bytes());
+        bytes.extend_from_slice(chunk.invalid());
+    }
+    OsString::from_vec(bytes)
+}
+
+/// Elsewhere the text of such a word cannot be taken apart.
+#[cfg(not(unix))]
+fn at_frame_around_foreign_bytes(word: OsString, _: i32) -> OsString {
+    word
 }
 
 /// Refuses tokens where there are no frames whose number could take their place.
@@ -20,7 +38,8 @@ pub fn words(words: impl Iterator<Item = OsString>, frame: i32) -> Vec<OsString>
 /// # Errors
 /// The first token, and the word that it is in.
 pub fn refuse_tokens(words: impl Iterator<Item = OsString>) -> Result<()> {
-    for word in words.filter_map(|word| word.into_string().ok()) {
+    for word in words {
+        let word = word.to_string_lossy();
         if let Some(token) = frames::token_in(&word) {
             return Err(Error::input(format!(
                 "found {token} in {word}, which stands for the number of a frame, but no frames"
@@ -66,6 +85,18 @@ mod tests {
     fn words_have_the_number() {
         let found = words(all(&["lvox", "shade", "-o", "x.####.exr", "a#b"]), 12);
         assert_eq!(found, ["lvox", "shade", "-o", "x.0012.exr", "a#b"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn words_that_are_not_utf8_have_the_number() {
+        use std::os::unix::ffi::OsStringExt;
+        let word = |bytes: &[u8]| OsString::from_vec(bytes.to_vec());
+        let name = word(b"Gr\xf6\xdfe/x.####.\xf6.%02d.exr");
+        let found = words([name.clone()].into_iter(), 7);
+        assert_eq!(found, [word(b"Gr\xf6\xdfe/x.0007.\xf6.07.exr")]);
+        let error = refuse_tokens([name].into_iter()).unwrap_err();
+        assert!(error.to_string().contains("#### in Gr"), "{error}");
     }
 
     #[test]
