@@ -3,6 +3,7 @@
 use super::files::Files;
 use super::options::Context;
 use super::parse;
+use crate::run::frames;
 use crate::scene::Scene;
 use crate::scene::load::{Change, Settings, is_packed};
 use crate::{Error, Result};
@@ -125,6 +126,31 @@ impl SceneInput {
         Ok(words)
     }
 
+    /// A name for what is made of it: that of the scene file, without extension and without tokens
+    /// for numbers of frames, and the group that lights it.
+    ///
+    /// # Errors
+    /// A name that is not UTF-8.
+    pub fn short_name(&self) -> Result<String> {
+        let mut name = match &self.scene {
+            Some(path) => utf8("scene", Path::new(path.file_stem().unwrap_or_default()))?,
+            None => "demo".into(),
+        };
+        while let Some(token) = frames::token_in(&name) {
+            name = name
+                .replacen(token, "", 1)
+                .trim_matches(['.', '_', '-', ' '])
+                .into();
+        }
+        if name.is_empty() {
+            name = "scene".into();
+        }
+        if let Some(group) = &self.reading.group {
+            name = format!("{name}.{group}");
+        }
+        Ok(name)
+    }
+
     /// The same scene, lit by a group of its lights alone.
     pub fn lit_by(&self, group: &str) -> Self {
         let mut input = self.clone();
@@ -219,5 +245,31 @@ impl SceneInput {
             counts.insert("volumes".into(), scene.volumes.len() as f64);
             Ok(scene)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_made_of_a_scene_has_its_name_without_frames() {
+        let reading = |group: Option<&str>| Reading {
+            texture_limit: 0,
+            allow_outside: false,
+            set: Vec::new(),
+            group: group.map(Into::into),
+        };
+        for (scene, group, name) in [
+            (Some("a b/shot.one.toml"), None, "shot.one"),
+            (Some("shot.toml"), Some("key"), "shot.key"),
+            (Some("Szene 100% #1.####.toml"), None, "Szene 100% #1"),
+            (Some("shot_v_.toml"), None, "shot_v_"),
+            (Some("%04d/####.toml"), None, "scene"),
+            (None, None, "demo"),
+        ] {
+            let input = SceneInput::new(scene.map(Into::into), scene.is_none(), reading(group));
+            assert_eq!(input.short_name().unwrap(), name);
+        }
     }
 }

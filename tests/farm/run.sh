@@ -199,7 +199,7 @@ by_oiiotool() (
     cd "$out/by-parallel" || return 1
     oiiotool --info -v image.exr | grep 'channel list: R .*, G .*, B .*, depth.Z .*, normal.X .*' || return 1
     pasted=(--create 160x120 7)
-    for i in 0 1 2 3; do pasted+=("farm/tile.$i.exr" --swap --paste +0+0); done
+    for i in 0 1 2 3; do pasted+=("farm/demo/tile.$i.exr" --swap --paste +0+0); done
     oiiotool "${pasted[@]}" "$whole" --fail 0 --warn 0 --diff
 )
 if ! installed oiiotool openimageio-tools; then

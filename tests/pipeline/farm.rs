@@ -60,7 +60,8 @@ fn with_lvox(work: &Work) {
 
 /// The image of a frame as one process makes it from what the job has packed.
 fn whole(work: &Work, frame: i32) -> Vec<u8> {
-    let line = format!("shade farm/scene.####.lvp --seed 3 {SHADE} --frames {frame} -o whole.exr");
+    let line =
+        format!("shade farm/scene/scene.####.lvp --seed 3 {SHADE} --frames {frame} -o whole.exr");
     done(work, &line);
     read(work, "whole.exr")
 }
@@ -80,7 +81,7 @@ fn commands_lead_to_the_images() {
         assert!(read(&work, &format!("a.000{frame}.exr")) == whole(&work, frame));
     }
     // All of it again takes nothing but what is missing.
-    fs::remove_file(work.path("farm/tile.0003.1.exr")).unwrap();
+    fs::remove_file(work.path("farm/scene/tile.0003.1.exr")).unwrap();
     let told = sh(&work, &text.replace("--progress none", "--progress plain"));
     let told = String::from_utf8(told.stderr).unwrap();
     let shaded = |line: &&str| line.starts_with("shade: ") && line.contains(" pixels in ");
@@ -89,6 +90,37 @@ fn commands_lead_to_the_images() {
     let steps = ["bake", "tree", "cut", "tile", "merge"];
     let of_step = |step: &&str| printed(&work, "commands", &[&job[..], &["--step", step]].concat());
     assert_eq!(steps.iter().map(of_step).collect::<String>(), text);
+}
+
+#[test]
+fn two_jobs_beside_each_other_make_pictures_of_their_own() {
+    let work = smoke();
+    with_lvox(&work);
+    let scene = fs::read_to_string(work.path("scene.toml")).unwrap();
+    let other = scene.replace("[5, 5, 5]", "[50, 5, 5]");
+    assert_ne!(other, scene);
+    fs::write(work.path("other.toml"), other).unwrap();
+    let run_job = |line: &str| {
+        let line = format!("farm commands {line} --frames 1 --resolution 12x8");
+        let mut words = args(&line);
+        words.extend(["--bake", BAKE, "--shade", SHADE]);
+        let printed = lvox(&work, &words);
+        assert_eq!(printed.code, 0, "{}", printed.stderr);
+        run(&work, &printed.stdout);
+    };
+    let scenes = ["scene", "other"];
+    for step in ["bake", "tree", "frame"] {
+        for scene in scenes {
+            run_job(&format!("{scene}.toml -o {scene}.####.exr --step {step}"));
+        }
+    }
+    let of_both = scenes.map(|scene| {
+        run_job(&format!("{scene}.toml -o whole.####.exr --folder {scene}"));
+        let found = read(&work, &format!("{scene}.0001.exr"));
+        assert!(found == read(&work, "whole.0001.exr"), "{scene}");
+        found
+    });
+    assert!(of_both[0] != of_both[1]);
 }
 
 #[test]

@@ -120,9 +120,10 @@ struct JobOptions {
     #[arg(long, value_name = "OPTIONS", value_parser = words, allow_hyphen_values = true)]
     shade: Option<Words>,
 
-    /// Put what tasks hand to each other into this folder, which all machines share
-    #[arg(long, value_name = "DIR", default_value = "farm")]
-    folder: PathBuf,
+    /// Put what tasks hand to each other into this folder, which all machines share, and which no
+    /// other job may have [default: farm/SCENE, or farm/SCENE.GROUP]
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
 
     /// Call the program so
     #[arg(long, value_name = "PROGRAM", default_value = "lvox")]
@@ -225,7 +226,10 @@ impl JobOptions {
             chunk: self.chunk,
             bounces: self.bounces,
             scatters,
-            folder: utf8("--folder", &self.folder)?,
+            folder: match &self.folder {
+                Some(folder) => utf8("--folder", folder)?,
+                None => format!("farm/{}", self.scene.short_name()?),
+            },
             output: utf8("--output", &self.output)?,
             program: self.program.clone(),
             seed: self.seed.seed,
