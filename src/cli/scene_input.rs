@@ -1,6 +1,7 @@
 //! The scene a verb works on.
 
 use super::files::Files;
+use super::frames::words as words_at_frame;
 use super::options::Context;
 use super::parse;
 use crate::run::frames;
@@ -124,6 +125,30 @@ impl SceneInput {
             words.extend(["--group".into(), group.clone()]);
         }
         Ok(words)
+    }
+
+    /// Whether its words have tokens for the number of a frame, so that each frame has a scene of its
+    /// own.
+    ///
+    /// # Errors
+    /// As [`Self::words`].
+    pub fn has_tokens(&self) -> Result<bool> {
+        let words = self.words()?;
+        Ok(words.iter().any(|word| frames::token_in(word).is_some()))
+    }
+
+    /// The same at a frame, whose number takes the place of tokens.
+    pub fn at_frame(&self, frame: i32) -> Self {
+        let mut input = self.clone();
+        let path = |path: PathBuf| words_at_frame(std::iter::once(path.into()), frame);
+        input.scene = input.scene.and_then(|p| path(p).pop()).map(PathBuf::from);
+        let text = |text: &mut String| *text = frames::at_frame(text, frame).into_owned();
+        for Change { key, value } in &mut input.reading.set {
+            text(key);
+            text(value);
+        }
+        input.reading.group.as_mut().map(text);
+        input
     }
 
     /// A name for what is made of it: that of the scene file, without extension and without tokens

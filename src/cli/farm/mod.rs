@@ -9,6 +9,7 @@ mod plan;
 mod slurm;
 
 use super::files::Files;
+use super::frames::refuse_tokens;
 use super::options::{Context, Seed};
 use super::scene_input::{SceneInput, utf8};
 use super::{output, parse, progress};
@@ -181,14 +182,25 @@ impl Args {
     }
 }
 
+/// Loads the scene of a frame.
+fn load(input: &SceneInput, frame: Option<i32>, context: &Context) -> Result<Scene> {
+    match frame {
+        Some(number) => input.at_frame(number).load_at(frame, context),
+        None => {
+            refuse_tokens(input.words()?.into_iter().map(Into::into))?;
+            input.load_at(None, context)
+        }
+    }
+}
+
 /// Every file of the scene, each once. Where none is that of a frame, one look is enough.
 fn list(input: &SceneInput, frames: Option<&Frames>, context: &Context) -> Result<String> {
     let numbers = frames.map_or(&[][..], Frames::numbers);
-    let scene = input.load_at(numbers.first().copied(), context)?;
+    let scene = load(input, numbers.first().copied(), context)?;
     let mut paths = scene.files;
-    if scene.files_of_frame.is_some() {
+    if scene.files_of_frame.is_some() || input.has_tokens()? {
         for &frame in numbers.iter().skip(1) {
-            paths.extend(input.load_at(Some(frame), context)?.files);
+            paths.extend(load(input, Some(frame), context)?.files);
         }
     }
     let mut seen = BTreeSet::new();
@@ -201,7 +213,7 @@ impl JobOptions {
     /// Checks the job as far as a look at the first frame tells, and plans it.
     fn plan(self, frames: Option<&Frames>, context: &Context) -> Result<Plan> {
         let first = frames.map(|frames| frames.numbers()[0]);
-        let scene = self.scene.load_at(first, context)?;
+        let scene = load(&self.scene, first, context)?;
         for name in &self.cameras {
             scene.camera(Some(name))?;
             // It becomes part of file names and of command lines.
@@ -219,7 +231,7 @@ impl JobOptions {
             name: scene.name.clone(),
             scene: self.scene.words()?,
             frames: frames.cloned(),
-            has_own_files: scene.files_of_frame.is_some(),
+            has_own_files: scene.files_of_frame.is_some() || self.scene.has_tokens()?,
             cameras: self.cameras.clone(),
             tiles: self.tiles,
             parts: self.parts,
