@@ -46,10 +46,12 @@ pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
     Ok(budget.bytes())
 }
 
-/// Lights the media of a scene from its tree, and writes their light to a file.
+/// Lights the media of a scene from its tree, and writes their light to a file. At a frame without
+/// media, or of such alone whose light differs with the camera, it is a file without light: others of
+/// its frames may have them.
 ///
 /// # Errors
-/// A scene without media, a setting out of range, a tree in another frame than the scene
+/// A scene without media and without frames, a setting out of range, a tree in another frame than the scene
 /// ([`Scene::in_frame`]), more vertices than the memory limit allows, a page that cannot be read, a
 /// file that cannot be written, or a stop on request.
 pub fn run(
@@ -61,16 +63,16 @@ pub fn run(
     job: &Job,
 ) -> Result<ScatterSummary> {
     settings.check()?;
-    if scene.volumes.is_empty() {
-        return Err(Error::input("the scene has no volumes to light")
-            .hint("shade it from its tree: there is nothing to scatter"));
-    }
-    check_phases(scene, job)?;
+    let is_lit = has_lit_media(scene, job)?;
     let of_tree = &tree.tree().meta().cloud.volumes;
     inscatter::check_volumes(of_tree, scene)
         .map_err(|e| e.hint("bake the scene and build its tree again"))?;
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
     inscatter::check_colors(of_tree, scene)?;
+    if !is_lit {
+        let meta = meta(scene, tree, settings);
+        return Ok(ScatterWriter::create(output, meta, overwrite)?.finish()?);
+    }
     check_memory(scene, job)?;
     job.report
         .watched_stage("scatter", tree.fitter(job), |counts| {
@@ -127,24 +129,41 @@ pub fn has_made(
     Ok(found == expected)
 }
 
-/// Tells of volumes whose light is not the same for all cameras, and refuses a scene of such alone.
-fn check_phases(scene: &Scene, job: &Job) -> Result<()> {
+/// Whether there are volumes whose light is the same for all cameras. Tells of others, and refuses a
+/// scene of such alone, or of none, unless it is at a frame.
+fn has_lit_media(scene: &Scene, job: &Job) -> Result<bool> {
+    let is_none = |error: Error| match scene.frame {
+        Some(frame) => {
+            job.progress
+                .say(&format!("nothing to scatter in frame {frame}: {error}"));
+            Ok(false)
+        }
+        None => Err(error),
+    };
+    if scene.volumes.is_empty() {
+        return is_none(
+            Error::input("the scene has no volumes to light")
+                .hint("shade it from its tree: there is nothing to scatter"),
+        );
+    }
     let differ = scene.volumes.iter().filter(|v| !v.phase.is_isotropic());
     let differ: Vec<&str> = differ.map(|v| v.name.as_str()).collect();
     if differ.is_empty() {
-        return Ok(());
+        return Ok(true);
     }
     if differ.len() == scene.volumes.len() {
-        return Err(Error::input(
-            "what the volumes of this scene scatter differs with the camera: they have phase functions",
-        )
-        .hint("shade it from its tree: there is nothing to scatter for all cameras"));
+        return is_none(
+            Error::input(
+                "what the volumes of this scene scatter differs with the camera: they have phase functions",
+            )
+            .hint("shade it from its tree: there is nothing to scatter for all cameras"),
+        );
     }
     job.progress.warn(&format!(
         "left out, as what they scatter differs with the camera: {}",
         differ.join(", ")
     ));
-    Ok(())
+    Ok(true)
 }
 
 /// Lighting of the media of a scene for any camera.

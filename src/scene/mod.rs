@@ -106,6 +106,8 @@ pub struct Scene {
     pub frame: Option<i32>,
     /// The frame whose files it was made of; `None` if those of all frames are the same.
     pub files_of_frame: Option<i32>,
+    /// Whether its file names volumes that have nothing in them, as before smoke rises.
+    pub(crate) has_empty_volumes: bool,
     /// The file that it lies in, if that is a packed one.
     pub(crate) packed: Option<packed::PackedScene>,
 }
@@ -136,6 +138,7 @@ impl Scene {
             group: None,
             frame: None,
             files_of_frame: None,
+            has_empty_volumes: false,
             packed: None,
         }
     }

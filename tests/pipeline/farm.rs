@@ -92,6 +92,76 @@ fn commands_lead_to_the_images() {
     assert_eq!(steps.iter().map(of_step).collect::<String>(), text);
 }
 
+/// One scene file a frame, as exports of animations are, with smoke in some of them alone.
+#[test]
+fn each_frame_may_have_a_scene_of_its_own() {
+    let work = smoke();
+    with_lvox(&work);
+    let scene = fs::read_to_string(work.path("scene.toml")).unwrap();
+    let without = &scene[..scene.find("[[volume]]").unwrap()];
+    for (frame, text) in [(1, without), (2, &scene), (3, without)] {
+        let name = format!("s e.{frame:04}.toml");
+        fs::write(work.path(&name), text).unwrap();
+    }
+    let printed = |more: &[&str]| {
+        let line = "--frames 1-3 --resolution 12x8 -o p.####.exr --set light.0.intensity=[5,5,$F]";
+        let words = [
+            &["farm", "commands", "s e.####.toml"],
+            &args(line)[..],
+            more,
+        ]
+        .concat();
+        let found = lvox(&work, &words);
+        assert_eq!(found.code, 0, "{}", found.stderr);
+        found.stdout
+    };
+    let text = printed(&["--bake", BAKE, "--shade", SHADE]);
+    assert_eq!(text.lines().count(), 3 * 3, "{text}");
+    fs::write(work.path("job.sh"), &text).unwrap();
+    run(&work, "sh -e job.sh");
+    for frame in 1..=3 {
+        assert!(work.path(&format!("p.000{frame}.exr")).exists(), "{frame}");
+        let light = format!("farm/s e/light.000{frame}.lvs");
+        let verified = lvox(&work, &["verify", &light, "--progress", "none"]);
+        assert_eq!(verified.code, 0, "{}", verified.stderr);
+    }
+    let words = [
+        &["farm", "files", "s e.####.toml"],
+        &args("--frames 1-2")[..],
+    ]
+    .concat();
+    let files = lvox(&work, &words);
+    let files: Vec<&str> = files.stdout.lines().collect();
+    assert_eq!(files, ["s e.0001.toml", "s e.0002.toml", "smoke.0002.raw"]);
+    let words = [&["farm", "files", "s e.####.toml"], &args("")[..]].concat();
+    lvox(&work, &words).refused(2, &["####", "--frames"]);
+}
+
+#[test]
+fn smoke_may_rise_after_the_first_frame_and_be_gone_again() {
+    let work = smoke();
+    with_lvox(&work);
+    let scene = fs::read_to_string(work.path("scene.toml")).unwrap();
+    let flame = "emission = { scale = 0.1, color = [1, 0.4, 0.1] }\n";
+    fs::write(work.path("scene.toml"), scene + flame).unwrap();
+    for frame in [1, 3] {
+        fs::write(work.path(&format!("smoke.000{frame}.raw")), [0; 4 * 64]).unwrap();
+    }
+    let line = "farm commands scene.toml --frames 1-3 --resolution 12x8 -o r.####.exr";
+    let words = [&args(line)[..], &["--bake", BAKE, "--shade", SHADE]].concat();
+    let printed = lvox(&work, &words);
+    assert_eq!(printed.code, 0, "{}", printed.stderr);
+    fs::write(work.path("job.sh"), &printed.stdout).unwrap();
+    run(&work, "sh -e job.sh");
+    let bytes =
+        [1, 2, 3].map(|frame| read(&work, &format!("farm/scene/light.000{frame}.lvs")).len());
+    assert!(bytes[1] > bytes[0] && bytes[1] > bytes[2], "{bytes:?}");
+    // An empty file of light is that of a frame, which is there already, and is described.
+    run(&work, "sh -e job.sh");
+    let told = lvox(&work, &["inspect", "farm/scene/light.0001.lvs"]);
+    assert!(told.stdout.contains("0 clusters"), "{}", told.stdout);
+}
+
 #[test]
 fn two_jobs_beside_each_other_make_pictures_of_their_own() {
     let work = smoke();

@@ -226,7 +226,7 @@ impl JobOptions {
             }
         }
         self.check_output(frames, &scene)?;
-        let scatters = !self.no_scatter && scene.volumes.iter().any(|v| v.phase.is_isotropic());
+        let scatters = !self.no_scatter && self.may_scatter(&scene, frames, context)?;
         let plan = Plan {
             name: scene.name.clone(),
             scene: self.scene.words()?,
@@ -255,6 +255,30 @@ impl JobOptions {
         };
         plan.check()?;
         Ok(plan)
+    }
+
+    /// Whether any frame may have media whose light is the same for all cameras.
+    fn may_scatter(
+        &self,
+        first: &Scene,
+        frames: Option<&Frames>,
+        context: &Context,
+    ) -> Result<bool> {
+        let may = |scene: &Scene| {
+            // Smoke may rise in a later frame.
+            let may_have_more = scene.files_of_frame.is_some() && scene.has_empty_volumes;
+            may_have_more || scene.volumes.iter().any(|v| v.phase.is_isotropic())
+        };
+        if may(first) || !self.scene.has_tokens()? {
+            return Ok(may(first));
+        }
+        let numbers = frames.map_or(&[][..], Frames::numbers);
+        for &frame in numbers.iter().skip(1) {
+            if may(&load(&self.scene, Some(frame), context)?) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     fn check_output(&self, frames: Option<&Frames>, scene: &Scene) -> Result<()> {

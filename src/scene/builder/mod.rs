@@ -335,6 +335,7 @@ impl SceneBuilder {
             group: None,
             frame: None,
             files_of_frame: None,
+            has_empty_volumes: false,
             packed: None,
         };
         match self.frame {

@@ -33,6 +33,8 @@ pub(super) struct Files {
     pub(super) settings: Settings,
     /// Whether the scene names files of its frame.
     pub(super) names_frames: bool,
+    /// Whether the scene names volumes that have nothing in them.
+    pub(super) has_empty_volumes: bool,
     /// Where files may lie that other files name: the folder of the scene, and that of the file
     /// which the scene names.
     folders: Vec<PathBuf>,

@@ -263,6 +263,7 @@ fn finish(builder: SceneBuilder, mut files: Files) -> Result<Scene> {
     scene.hash = files.hash();
     scene.group.clone_from(&files.settings.group);
     scene.files_of_frame = frame.filter(|_| files.names_frames);
+    scene.has_empty_volumes = files.has_empty_volumes;
     scene.files = files.paths;
     scene.warnings.splice(..0, files.warnings);
     scene.notes.splice(..0, files.notes);

@@ -110,6 +110,7 @@ fn scene(
         group: None,
         frame: None,
         files_of_frame: meta.frame,
+        has_empty_volumes: false,
         packed: Some(packed.clone()),
     };
     match frame.or(meta.frame) {

@@ -184,6 +184,7 @@ pub fn volumes<'a>(
             });
         }
     }
+    files.has_empty_volumes |= volumes.is_empty();
     Ok((volumes, (path, fields)))
 }
 
