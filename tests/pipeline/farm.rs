@@ -353,12 +353,53 @@ fn templates_have_every_step() {
     for part in [
         "--frames={{Task.Param.Frame}}",
         "d.{{Task.Param.Camera}}.####.exr",
-        "{{Param.Lvox}}",
     ] {
         assert!(script.contains(part), "{part} in {script}");
     }
+    assert!(!script.contains("{{Param"), "{script}");
     let frames = template["parameterDefinitions"][2]["default"].as_str();
     assert_eq!(frames, Some("1,3"));
+}
+
+/// What a template runs, as its runner does it: the script, and the parameters as words of their own.
+#[test]
+fn templates_run_in_folders_of_any_name() {
+    let work = smoke();
+    let folder = work.path("Bob's \"shot\" $HOME");
+    fs::create_dir(&folder).unwrap();
+    for name in ["scene.toml", "smoke.0001.raw", "smoke.0003.raw"] {
+        fs::copy(work.path(name), folder.join(name)).unwrap();
+    }
+    program(&work, "it's lvox", "#!/bin/sh\nexec lvox \"$@\"\n");
+    with_lvox(&work);
+    let own = work.path("bin/it's lvox");
+    let more = ["-o", "o.####.exr", "--program", own.to_str().unwrap()];
+    let text = printed(&work, "openjd", &more);
+    let template: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(template["parameterDefinitions"][0]["default"], more[3]);
+    let paths = std::env::var("PATH").unwrap();
+    for step in template["steps"].as_array().unwrap() {
+        let script = step["script"]["embeddedFiles"][0]["data"].as_str().unwrap();
+        let script = script.replace("{{Task.Param.Frame}}", "3");
+        fs::write(work.path("run"), script).unwrap();
+        let action = &step["script"]["actions"]["onRun"];
+        let words = action["args"].as_array().unwrap().iter();
+        let words = words.map(|word| match word.as_str().unwrap() {
+            "{{Task.File.Run}}" => "run",
+            "{{Param.Folder}}" => folder.to_str().unwrap(),
+            "{{Param.Lvox}}" => more[3],
+            other => panic!("{other}"),
+        });
+        let output = Command::new(action["command"].as_str().unwrap())
+            .args(words)
+            .current_dir(work.path(""))
+            .env("PATH", format!("{}:{paths}", work.path("bin").display()))
+            .output()
+            .unwrap();
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{told}");
+    }
+    assert!(folder.join("o.0003.exr").exists());
 }
 
 #[test]

@@ -126,7 +126,8 @@ struct JobOptions {
     #[arg(long, value_name = "DIR")]
     folder: Option<PathBuf>,
 
-    /// Call the program so
+    /// Call the program so; a template of Open Job Description has this as the default of its
+    /// parameter Lvox
     #[arg(long, value_name = "PROGRAM", default_value = "lvox")]
     program: String,
 
@@ -171,7 +172,6 @@ impl Args {
                 slurm::text(&job.plan(frames, context)?, &sbatch.unwrap_or_default())?
             }
             Form::Openjd { mut job } => {
-                job.program = openjd::PROGRAM.into();
                 let mode = job.task_progress.unwrap_or(progress::Mode::Openjd);
                 job.task_progress = Some(mode);
                 openjd::text(&job.plan(frames, context)?)?

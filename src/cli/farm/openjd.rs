@@ -4,8 +4,11 @@ use super::plan::{Axis, Plan, Step, Task, shell};
 use crate::{Error, Result};
 use serde_json::{Value, json};
 
-/// The program, which whoever submits the job may call otherwise.
-pub const PROGRAM: &str = "{{Param.Lvox}}";
+/// What the script of a task is given beside itself, as words of its own: text of a parameter within
+/// the script would be read as shell, quotes in it included.
+const ARGUMENTS: [&str; 2] = ["{{Param.Folder}}", "{{Param.Lvox}}"];
+/// How a script begins.
+const START: &str = "set -e\ncd \"$1\"\nlvox=$2\n";
 
 /// The template, as JSON.
 ///
@@ -17,7 +20,7 @@ pub fn text(plan: &Plan) -> Result<String> {
     let steps: Vec<Value> = (0..steps.len()).map(of_steps).collect::<Result<_>>()?;
     let mut parameters = vec![
         json!({
-            "name": "Lvox", "type": "STRING", "default": "lvox",
+            "name": "Lvox", "type": "STRING", "default": plan.program,
             "description": "The program, as the machines of the farm call it",
         }),
         json!({
@@ -78,15 +81,21 @@ fn step(plan: &Plan, step: Step, before: Option<Step>) -> Result<Value> {
         camera: place(has(Axis::Camera), "Camera"),
         tile: place(has(Axis::Tile), "Tile"),
     };
-    let mut script = "set -e\ncd '{{Param.Folder}}'\n".to_owned();
+    let mut script = START.to_owned();
     for command in plan.commands(step, &task) {
-        script += &shell(&[command])?;
+        script += &match command.split_first() {
+            Some((program, rest)) if *program == plan.program => {
+                format!("\"$lvox\" {}", shell(&[rest.to_vec()])?)
+            }
+            _ => shell(&[command])?,
+        };
         script.push('\n');
     }
+    let arguments = ["{{Task.File.Run}}"].into_iter().chain(ARGUMENTS);
     let mut value = json!({
         "name": title(step),
         "script": {
-            "actions": {"onRun": {"command": "bash", "args": ["{{Task.File.Run}}"]}},
+            "actions": {"onRun": {"command": "bash", "args": arguments.collect::<Vec<_>>()}},
             "embeddedFiles": [{"name": "Run", "type": "TEXT", "data": script}],
         },
     });
