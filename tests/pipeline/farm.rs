@@ -163,6 +163,21 @@ fn smoke_may_rise_after_the_first_frame_and_be_gone_again() {
 }
 
 #[test]
+fn folders_of_images_are_made_and_strict_jobs_have_strict_tasks() {
+    let work = smoke();
+    with_lvox(&work);
+    let more = ["-o", "out a/{camera}/s.####.exr", "--cameras", "flight"];
+    let text = printed(&work, "commands", &[&more[..], &["--strict"]].concat());
+    let is_strict = |line: &str| line.matches("lvox ").count() == line.matches(" --strict").count();
+    assert!(text.lines().all(is_strict), "{text}");
+    let text = printed(&work, "commands", &more);
+    assert!(!text.contains("--strict"), "{text}");
+    fs::write(work.path("job.sh"), &text).unwrap();
+    run(&work, "sh -e job.sh");
+    assert!(work.path("out a/flight/s.0003.exr").exists());
+}
+
+#[test]
 fn two_jobs_beside_each_other_make_pictures_of_their_own() {
     let work = smoke();
     with_lvox(&work);
@@ -431,6 +446,23 @@ fn jobs_that_cannot_be_are_refused() {
         &["lvox shade", "--qualty"],
     );
     refused(job, &["--bake", "--surfels many"], &["lvox bake", "many"]);
+    // Of stages that this job does without, too.
+    for (stage, verb) in [("--bounce", "lvox bounce"), ("--scatter", "lvox scatter")] {
+        let more = ["--bounces", "1", "--no-scatter", stage, "--foo"];
+        refused(job, &more, &[verb, "--foo"]);
+    }
+    for (stage, option, instead) in [
+        ("--shade", "--group key", "--group"),
+        ("--shade", "--set=film.width=3", "--set"),
+        ("--shade", "--frames 3", "--frames"),
+        ("--shade", "--tile 0/4", "--tiles"),
+        ("--shade", "-ox.exr", "--output"),
+        ("--bake", "--part 0/3", "--parts"),
+        ("--bounce", "--bounces 2", "--bounces"),
+        ("--scatter", "--force", "leave it out"),
+    ] {
+        refused(job, &[stage, option], &[stage, "itself", instead]);
+    }
     refused(
         job,
         &["--step", "tile"],

@@ -15,7 +15,7 @@ use super::scene_input::{SceneInput, utf8};
 use super::{output, parse, progress};
 use crate::bounce::Bounces;
 use crate::image::ImageKind;
-use crate::run::{Frames, frames};
+use crate::run::{Frames, OnWarning, frames};
 use crate::scene::Scene;
 use crate::{Error, Result};
 use clap::Subcommand;
@@ -76,8 +76,8 @@ struct JobOptions {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Write images to this file; with several frames its name needs ####, with several cameras
-    /// {camera}
+    /// Write images to this file, whose folder is made; with several frames its name needs ####, with
+    /// several cameras {camera}
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
@@ -248,6 +248,7 @@ impl JobOptions {
             threads: self.task_threads,
             memory: self.task_memory,
             progress: self.task_progress,
+            is_strict: context.job.on_warning == OnWarning::Fail,
             bake: self.bake.unwrap_or_default(),
             bounce: self.bounce.unwrap_or_default(),
             scatter: self.scatter.unwrap_or_default(),

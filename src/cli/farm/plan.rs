@@ -2,9 +2,10 @@
 
 use crate::bounce::Bounces;
 use crate::cli::progress::Mode;
-use crate::run::Frames;
+use crate::run::{Frames, frames};
 use crate::{Error, Result};
 use clap::ValueEnum;
+use std::path::Path;
 
 /// Stands for the name of a camera in the name of an output.
 pub const CAMERA: &str = "{camera}";
@@ -42,6 +43,8 @@ pub struct Plan {
     pub threads: Option<u16>,
     pub memory: Option<u64>,
     pub progress: Option<Mode>,
+    /// Whether warnings of tasks are errors.
+    pub is_strict: bool,
     /// More options of stages.
     pub bake: Words,
     pub bounce: Words,
@@ -181,14 +184,31 @@ impl Plan {
     pub fn commands(&self, step: Step, task: &Task) -> Vec<Vec<String>> {
         match step {
             Step::Bake => {
-                let folder = ["mkdir", "-p", &self.folder].map(Into::into);
-                vec![folder.to_vec(), self.bake(task)]
+                let mut folders: Vec<String> = ["mkdir", "-p"].map(Into::into).into();
+                folders.extend(self.folders());
+                vec![folders, self.bake(task)]
             }
             Step::Tree => self.tree(task),
             Step::Cut => vec![self.cut(task)],
             Step::Tile | Step::Frame => vec![self.shade(step, task)],
             Step::Merge => vec![self.merge(task)],
         }
+    }
+
+    /// The folders that tasks write to. Those of images may be one a frame; these are not made.
+    fn folders(&self) -> Vec<String> {
+        let mut folders = vec![self.folder.clone()];
+        let cameras = self.cameras.iter().map(String::as_str);
+        for camera in cameras.chain(self.cameras.is_empty().then_some("")) {
+            let output = self.output.replace(CAMERA, camera);
+            let folder = Path::new(&output).parent().and_then(Path::to_str);
+            let folder = folder.unwrap_or_default().to_owned();
+            let is_one = !folder.is_empty() && frames::token_in(&folder).is_none();
+            if is_one && !folders.contains(&folder) {
+                folders.push(folder);
+            }
+        }
+        folders
     }
 
     /// A file in the folder: its name, the frame if it has its own, and the rest.
@@ -216,6 +236,9 @@ impl Plan {
         if !task.frames.is_empty() {
             // One word: the first number may be negative.
             line.0.push(format!("--frames={}", task.frames));
+        }
+        if self.is_strict {
+            line.0.push("--strict".into());
         }
         line
     }
@@ -340,11 +363,30 @@ impl Plan {
             .0
     }
 
-    /// Refuses options that a stage would refuse, and several images of one name.
+    /// Refuses options of stages that the job gives itself, or that a stage would refuse, also where
+    /// the job does without the stage.
     ///
     /// # Errors
     /// What the stage says, on one line.
     pub fn check(&self) -> Result<()> {
+        let parse = |words: Vec<String>| {
+            let verb = words[1].clone();
+            crate::cli::check_words(words).map_err(|e| Error::input(e).at(format!("lvox {verb}")))
+        };
+        let stages = [
+            ("bake", &self.bake),
+            ("bounce", &self.bounce),
+            ("scatter", &self.scatter),
+            ("shade", &self.shade),
+        ];
+        for (verb, words) in stages {
+            refuse_own_options(verb, words)?;
+        }
+        for (verb, words) in &stages[1..3] {
+            let files = ["-t", "tree.lvt", "-o", "out"].map(Into::into);
+            let line = Line(vec![self.program.clone(), (*verb).into()]);
+            parse(line.words(&self.scene).words(&files).words(&words.0).0)?;
+        }
         for &step in self.steps() {
             let Some(mut task) = self.tasks(step, None).into_iter().next() else {
                 continue;
@@ -353,13 +395,55 @@ impl Plan {
             task.frames.clear();
             let commands = self.commands(step, &task).into_iter();
             for words in commands.filter(|words| words[0] == self.program) {
-                let verb = words[1].clone();
-                crate::cli::check_words(words)
-                    .map_err(|e| Error::input(e).at(format!("lvox {verb}")))?;
+                parse(words)?;
             }
         }
         Ok(())
     }
+}
+
+/// Options of stages that a job gives itself, and those of `lvox farm` that say the same, if there
+/// are any.
+const OWN_OPTIONS: [(&str, Option<&str>); 18] = [
+    ("--allow-outside", Some("--allow-outside")),
+    ("--bounces", Some("--bounces")),
+    ("--demo", Some("--demo")),
+    ("--force", None),
+    ("--frames", Some("--frames")),
+    ("--group", Some("--group")),
+    ("--output", Some("--output")),
+    ("-o", Some("--output")),
+    ("--part", Some("--parts")),
+    ("--plan", None),
+    ("--resume", None),
+    ("--scatter", None),
+    ("--set", Some("--set")),
+    ("--texture-limit", Some("--texture-limit")),
+    ("--tile", Some("--tiles")),
+    ("--tiles", Some("--tiles")),
+    ("--tree", None),
+    ("-t", None),
+];
+
+/// Refuses options that would part what the tasks of a job have in common.
+fn refuse_own_options(verb: &str, words: &Words) -> Result<()> {
+    let is = |word: &str, option: &str| match option.starts_with("--") {
+        true => word.split('=').next() == Some(option),
+        // Its value may follow without a space.
+        false => word.starts_with(option),
+    };
+    let own =
+        (words.0.iter()).find_map(|word| OWN_OPTIONS.iter().find(|(option, _)| is(word, option)));
+    let Some((option, instead)) = own else {
+        return Ok(());
+    };
+    let error = Error::input(format!(
+        "--{verb} \"{option}\": expected options that the job leaves to `lvox {verb}`, found one that it gives itself"
+    ));
+    Err(error.hint(match instead {
+        Some(instead) => format!("give {instead} to `lvox farm`"),
+        None => "leave it out".into(),
+    }))
 }
 
 impl Task {
