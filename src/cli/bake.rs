@@ -33,7 +33,7 @@ pub struct Args {
     planning: Planning,
 
     #[command(flatten)]
-    resume: Resume,
+    pub resume: Resume,
 
     #[command(flatten)]
     pub memory: Memory,

@@ -29,7 +29,7 @@ pub struct Args {
     json: bool,
 
     #[command(flatten)]
-    resume: Resume,
+    pub resume: Resume,
 
     #[command(flatten)]
     pub memory: Memory,

@@ -8,7 +8,8 @@ use crate::formats::AtomicFile;
 use crate::formats::{FileKind, one_line};
 use crate::image::{ImageKind, exr};
 use crate::inspect::{
-    Shown, describe, export_ply, packed, page, points, samples, scattered, scene,
+    Shown, describe, export_ply, packed, page, points, refuse_other_formats, samples, scattered,
+    scene,
 };
 use crate::run::OnWarning;
 use crate::{Error, Result};
@@ -58,6 +59,10 @@ pub struct Args {
     #[command(flatten)]
     reading: Reading,
 }
+
+/// What may be inspected, for people.
+const KINDS: &str =
+    "a scene, a mesh or a volume file, or a .lvc, .lvt, .lvs, .lvp, .exr or .exr.sums file";
 
 /// Whether a file is a cloud, a tree, scattered light or a packed scene by its first bytes, whatever its name.
 fn is_ours(path: &Path) -> bool {
@@ -109,6 +114,7 @@ impl Args {
             self.refuse_points("samples have")?;
             return self.tell(&samples, Shown::Tables, context);
         }
+        refuse_other_formats(&self.file, KINDS)?;
         if let Some(scattered) = scattered(&self.file)? {
             self.refuse_points("scattered light has")?;
             return self.tell(&scattered, Shown::Tables, context);

@@ -50,7 +50,7 @@ mod tree_input;
 mod verify;
 mod version;
 
-use crate::formats::one_line;
+use crate::formats::{Overwrite, one_line};
 use crate::{Error, Kind, Result};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use files::Files;
@@ -124,6 +124,21 @@ impl Verb {
             Self::Stability(args) => args.files(),
             Self::Completions(_) | Self::Man(_) => Files::default(),
         }
+    }
+
+    /// Whether it leaves what an earlier run made.
+    fn resumes(&self) -> bool {
+        let resume = match self {
+            Self::Render(args) => args.resume,
+            Self::Bake(args) => args.resume,
+            Self::Build(args) => args.resume,
+            Self::Bounce(args) => args.resume,
+            Self::Pack(args) => args.resume,
+            Self::Scatter(args) => args.resume,
+            Self::Shade(args) => args.resume,
+            _ => return false,
+        };
+        resume.is_given()
     }
 
     /// What its options allow it to take.
@@ -234,6 +249,9 @@ fn parse_words(words: Vec<OsString>) -> Result<Cli, ExitCode> {
             if let Some(variable) = variable_of(&error, &words) {
                 eprintln!("hint: this is the value of {variable} in the environment");
             }
+            if let Some(hint) = hint_for_farm(&error, &words) {
+                eprintln!("hint: {hint}");
+            }
             ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
         })
 }
@@ -250,6 +268,36 @@ fn variable_of(error: &clap::Error, words: &[OsString]) -> Option<String> {
     let variable = format!("LVOX_{}", name.replace('-', "_").to_uppercase());
     let is_set = std::env::var_os(&variable).is_some();
     (is_set && !words.iter().any(is_typed)).then_some(variable)
+}
+
+/// What to write where `lvox farm` was given an option of one of the stages of its job.
+fn hint_for_farm(error: &clap::Error, words: &[OsString]) -> Option<String> {
+    use clap::error::{ContextKind, ContextValue, ErrorKind};
+    let mut words = words.iter().skip(1).map(|word| word.to_string_lossy());
+    let verb = words.by_ref().find(|word| !word.starts_with('-'))?;
+    if verb != "farm" || error.kind() != ErrorKind::UnknownArgument {
+        return None;
+    }
+    let Some(ContextValue::String(told)) = error.get(ContextKind::InvalidArg) else {
+        return None;
+    };
+    let option = told.split([' ', '=']).next()?;
+    let name = option.strip_prefix("--")?;
+    let verbs = command();
+    let has = |stage: &&str| {
+        let stage = verbs.find_subcommand(stage);
+        stage.is_some_and(|verb| verb.get_arguments().any(|o| o.get_long() == Some(name)))
+    };
+    let stage = ["shade", "bake", "bounce", "scatter"]
+        .into_iter()
+        .find(has)?;
+    let typed = words.find(|word| word.starts_with(option))?;
+    let value = words.next().filter(|value| !value.starts_with('-'));
+    let value = value.filter(|_| typed == option);
+    let value = value.map_or(String::new(), |value| format!(" {value}"));
+    Some(format!(
+        "options of `lvox {stage}` go in quotes: --{stage} \"{typed}{value}\""
+    ))
 }
 
 /// What the command line may be. A number below zero is a value, of which its option says what is
@@ -319,6 +367,12 @@ impl Cli {
 
 /// Runs a verb, and writes the report.
 fn run_verb(verb: Verb, context: &mut Context) -> Result<()> {
+    if verb.resumes() && context.overwrite == Overwrite::Replace {
+        return Err(Error::input(
+            "--resume leaves what is made already, and --force makes it again: expected one of them",
+        )
+        .hint("leave one of them out"));
+    }
     context.take_files(verb.files())?;
     let (verb, result) = verb.run(context);
     let result = result.and_then(|()| context.job.heed_warnings());

@@ -113,6 +113,11 @@ pub struct Resume {
 }
 
 impl Resume {
+    /// Whether a run goes on from what is there.
+    pub fn is_given(self) -> bool {
+        self.resume
+    }
+
     /// Whether an output may be replaced: one that is of the right kind, but of another origin, or
     /// one that the same command, run beside this one, makes meanwhile.
     pub fn overwrite(self, path: &Path, kind: FileKind, context: &Context) -> Overwrite {

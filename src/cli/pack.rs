@@ -38,7 +38,7 @@ pub struct Args {
     planning: Planning,
 
     #[command(flatten)]
-    resume: Resume,
+    pub resume: Resume,
 }
 
 impl Args {

@@ -36,9 +36,25 @@ pub use scene::{
 };
 pub use verify::{Check, Depth, Verification, verify};
 
-use crate::formats::{Cloud, FileKind, MappedFile, Tree};
+use crate::formats::{Cloud, FileKind, FormatError, MappedFile, Tree};
 use crate::{Error, Result};
 use std::path::Path;
+
+/// Refuses a file that is of another format than those of lvox, and says of which kinds it should be.
+///
+/// # Errors
+/// [`crate::Kind::Input`], also for a file that cannot be read.
+pub fn refuse_other_formats(path: &Path, kinds: &str) -> Result<()> {
+    let kind = FileKind::of(MappedFile::open(path)?.as_ref());
+    kind.map(drop).map_err(|error| {
+        let is_other = matches!(error, FormatError::NotOurs { .. });
+        let error = Error::from(error.at(path));
+        match is_other {
+            true => error.hint(format!("give {kinds}")),
+            false => error,
+        }
+    })
+}
 
 /// A file that has points, opened: a cloud or a tree.
 enum File {

@@ -1,7 +1,7 @@
 //! The complete check of a file: damage, and conservation of what was baked.
 
 use super::text::{Table, count};
-use super::{File, packed, samples, scattered};
+use super::{File, packed, refuse_other_formats, samples, scattered};
 use crate::formats::{Below, MappedFile, Packed, PackedColumn, Scatter, Tree};
 use crate::run::{Job, Task, one_line};
 use crate::scene::Scene;
@@ -9,6 +9,9 @@ use crate::trace::{Pieces, TriangleBvh};
 use crate::{Error, Result};
 use std::fmt;
 use std::path::Path;
+
+/// What may be verified, for people; images are read elsewhere.
+const KINDS: &str = "a .lvc, .lvt, .lvs, .lvp, .exr or .exr.sums file";
 
 /// The outcome of a check that found no damage.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -82,6 +85,7 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
     if samples(path)?.is_some() {
         return Ok(undamaged(file, "samples"));
     }
+    refuse_other_formats(path, KINDS)?;
     if scattered(path)?.is_some() {
         let scatter = Scatter::open_path(path)?;
         let task = (job.progress).task("verify", scatter.blocks().len() as u64, "clusters");

@@ -83,6 +83,24 @@ fn refuses(work: &Work, file: &str, verb: &[&str], damaged: Vec<(String, Vec<u8>
     }
 }
 
+/// Files of other formats, or of those of lvox that are no results: a list of tiles.
+#[test]
+fn what_is_no_such_file_is_told_what_may_be_read() {
+    let work = Work::new(ROOM);
+    let png = b"\x89PNG\r\n\x1a\n0000";
+    let files: [(&str, &[u8]); 3] = [
+        ("a.png", png),
+        ("a.npy", b"\x93NUMPY\x01\0"),
+        ("tiles.txt", b"--region 0 0 24 40\n"),
+    ];
+    for (name, bytes) in files {
+        fs::write(work.path(name), bytes).unwrap();
+        let kinds = [name, "not an lvox file", ".lvs", ".exr.sums"];
+        lvox(&work, &["verify", name]).refused(2, &kinds);
+        lvox(&work, &["inspect", name]).refused(2, &[&kinds[..], &["a scene"]].concat());
+    }
+}
+
 #[test]
 fn building_refuses_damaged_clouds() {
     let Files { work, cloud, .. } = files();

@@ -489,6 +489,18 @@ fn jobs_that_cannot_be_are_refused() {
     ] {
         refused(line, &[], parts);
     }
+    for (typed, hint) in [
+        ("--samples 64 --seed 1", "--shade \"--samples 64\""),
+        ("--quality=best", "--shade \"--quality=best\""),
+        ("--surfels 9", "--bake \"--surfels 9\""),
+    ] {
+        let line = format!("{job} {typed}");
+        let told = lvox(&work, &args(&line));
+        assert_eq!((told.code, told.stdout.as_str()), (2, ""), "{typed}");
+        assert!(told.stderr.contains(hint), "{}", told.stderr);
+    }
+    let both = "bake scene.toml --frames 1 -o c.lvc --resume --force";
+    refused(both, &[], &["--resume", "--force"]);
     assert_eq!(work.names(), before);
     assert!(Path::new(&work.path("")).exists());
 }
