@@ -7,7 +7,7 @@ use super::parse;
 use super::plan::{Plan, Planning};
 use super::times;
 use crate::points::{self, Over, PointFile, Settings};
-use crate::run::{Job, Part};
+use crate::run::Part;
 use crate::scene::Scene;
 use crate::scene::load::{self, is_packed};
 use crate::shade::Quality;
@@ -129,7 +129,8 @@ impl Args {
     }
 
     /// The scene that is packed with the tree, if its triangles are to end rays.
-    fn scene(&self, tree: &OpenTree, job: &Job) -> Result<Option<Scene>> {
+    fn scene(&self, tree: &OpenTree, context: &Context) -> Result<Option<Scene>> {
+        let job = &context.job;
         match (self.kernel, is_packed(&self.tree)) {
             (Some(Kernel::Cone), _) | (None, false) => return Ok(None),
             (Some(Kernel::Traced), false) => {
@@ -147,7 +148,7 @@ impl Args {
         let scene = scene.in_frame(tree.world_from_scene())?;
         let cloud = &tree.tree().meta().cloud;
         let origin = (&cloud.scene_hash, &cloud.settings[..]);
-        warn_if_out_of_date(&scene, origin, &self.tree, job);
+        warn_if_out_of_date(&scene, origin, &self.tree, context)?;
         Ok(Some(scene))
     }
 
@@ -158,7 +159,7 @@ impl Args {
         points::check(&points, &self.output, &settings)?;
         let job = &context.job;
         let tree = OpenTree::open(&self.tree, job.memory_limit)?;
-        let scene = self.scene(&tree, job)?;
+        let scene = self.scene(&tree, context)?;
         let held = points::check_memory(scene.as_ref(), tree.least_bytes(), job)?;
         let tree = tree.beside(held)?;
         job.heed_warnings()?;

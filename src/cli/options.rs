@@ -50,6 +50,11 @@ pub struct Shared {
     #[arg(long, global = true)]
     strict: bool,
 
+    /// Refuse a tree or scattered light of another scene, of which there is a warning otherwise, with
+    /// exit code 2; tasks of `lvox farm` do
+    #[arg(long, global = true)]
+    same_scene: bool,
+
     /// Write times, peak memory and counts to this file as JSON
     #[arg(long, global = true, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -190,6 +195,8 @@ pub struct Context {
     pub job: Job,
     /// Whether clouds, trees and exports may be replaced, and what was begun is begun anew.
     pub overwrite: Overwrite,
+    /// Whether trees and scattered light have to be of the scene at hand.
+    pub same_scene: bool,
     /// Where the report goes.
     report_path: RefCell<Option<PathBuf>>,
     /// What the verb writes, by the words for it.
@@ -344,6 +351,7 @@ impl Shared {
             } else {
                 Overwrite::Refuse
             },
+            same_scene: self.same_scene,
             report_path: RefCell::new(self.report),
             outputs: Vec::new(),
             frames: self.frames,
@@ -363,6 +371,7 @@ mod tests {
         let context = Context {
             job: Job::default(),
             overwrite: Overwrite::Refuse,
+            same_scene: false,
             report_path: RefCell::default(),
             outputs: Vec::new(),
             frames: None,

@@ -1,20 +1,30 @@
 //! Files that were made from another scene than the one at hand.
 
-use crate::run::Job;
+use super::options::Context;
 use crate::scene::Scene;
+use crate::{Error, Result};
 use std::path::Path;
 
 /// Warns of a file that was made from another scene, of which it has the hash and, among its
 /// settings, digests of the parts.
+///
+/// # Errors
+/// Such a file, where the scene has to be the same.
 pub fn warn_if_out_of_date(
     scene: &Scene,
     origin: (&[u8; 32], &[(String, String)]),
     path: &Path,
-    job: &Job,
-) {
-    if let Some(warning) = out_of_date(scene, origin) {
-        job.progress.warn(&format!("{}: {warning}", path.display()));
+    context: &Context,
+) -> Result<()> {
+    let Some(warning) = out_of_date(scene, origin) else {
+        return Ok(());
+    };
+    let warning = format!("{}: {warning}", path.display());
+    if context.same_scene {
+        return Err(Error::input(warning).hint("give each job a folder of its own"));
     }
+    context.job.progress.warn(&warning);
+    Ok(())
 }
 
 fn out_of_date(

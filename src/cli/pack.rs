@@ -67,7 +67,7 @@ impl Args {
         if let Some(path) = &tree {
             let tree = OpenTree::open(path, job.memory_limit)?;
             let cloud = &tree.tree().meta().cloud;
-            warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), path, job);
+            warn_if_out_of_date(&scene, (&cloud.scene_hash, &cloud.settings), path, context)?;
         }
         job.heed_warnings()?;
         if self.planning.plan {

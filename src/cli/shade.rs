@@ -72,7 +72,7 @@ impl Args {
         store = store.beside(others)?;
         if let Some((scatter, path)) = store.scatter.as_ref().zip(light.as_ref()) {
             let meta = scatter.meta();
-            warn_if_out_of_date(&scene, (&meta.scene_hash, &meta.settings), path, job);
+            warn_if_out_of_date(&scene, (&meta.scene_hash, &meta.settings), path, context)?;
         }
         context.job.heed_warnings()?;
         let settings = self

@@ -35,7 +35,8 @@ impl TreeInput {
     /// scene; says which file the tree is in, too.
     ///
     /// # Errors
-    /// As [`SceneInput::load`], [`OpenTree::open`] and [`Scene::in_frame`], and without a tree.
+    /// As [`SceneInput::load`], [`OpenTree::open`] and [`Scene::in_frame`], without a tree, and with that of
+    /// another scene where it has to be the same.
     pub fn open(&self, context: &Context) -> Result<(Scene, OpenTree, PathBuf)> {
         let path = self.scene.tree(self.tree.as_ref())?;
         if let Some((scene, store)) = self.take_kept(&path, context)? {
@@ -46,7 +47,7 @@ impl TreeInput {
         let scene = scene.in_frame(store.world_from_scene())?;
         let cloud = &store.tree().meta().cloud;
         let origin = (&cloud.scene_hash, &cloud.settings[..]);
-        warn_if_out_of_date(&scene, origin, &path, &context.job);
+        warn_if_out_of_date(&scene, origin, &path, context)?;
         Ok((scene, store, path))
     }
 

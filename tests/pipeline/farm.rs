@@ -206,6 +206,16 @@ fn two_jobs_beside_each_other_make_pictures_of_their_own() {
         found
     });
     assert!(of_both[0] != of_both[1]);
+
+    // In one folder they are in each other's way, which is told.
+    run_job("other.toml -o x.####.exr --folder one --step bake");
+    let line = "farm commands scene.toml --frames 1 -o x.####.exr --folder one --step tree";
+    let printed = lvox(&work, &args(line)).stdout;
+    let refused = sh(&work, &printed);
+    assert_eq!(refused.status.code(), Some(2), "{printed}");
+    let told = String::from_utf8(refused.stderr).unwrap();
+    assert!(told.contains("of other lights"), "{told}");
+    assert!(told.contains("a folder of its own"), "{told}");
 }
 
 #[test]

@@ -298,7 +298,7 @@ impl Plan {
             let line = line
                 .words(&to(&tree))
                 .option("--bounces", Some(self.bounces));
-            let line = self.seeded(self.shared(line));
+            let line = self.seeded(self.shared(line)).same_scene();
             lines.push(line.words(&self.bounce.0).resume());
         }
         let light = file("light", ".lvs");
@@ -308,11 +308,13 @@ impl Plan {
                 .words(&self.scene)
                 .words(&of(&tree));
             let line = self.seeded(self.shared(line.words(&to(&light))));
+            let line = line.same_scene();
             lines.push(line.words(&self.scatter.0).resume());
         }
         let line = self.line("pack", task).words(&self.scene).words(&of(&tree));
         let line = line.option("--scatter", self.scatters.then_some(light));
-        lines.push(line.words(&to(&file("scene", ".lvp"))).resume());
+        let line = line.words(&to(&file("scene", ".lvp"))).same_scene();
+        lines.push(line.resume());
         lines
     }
 
@@ -473,6 +475,12 @@ impl Line {
         if let Some(value) = value {
             self.0.extend([name.to_owned(), value.to_string()]);
         }
+        self
+    }
+
+    /// For verbs that read what another job may have put into the folder meanwhile.
+    fn same_scene(mut self) -> Self {
+        self.0.push("--same-scene".into());
         self
     }
 
