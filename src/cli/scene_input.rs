@@ -1,13 +1,14 @@
 //! The scene a verb works on.
 
 use super::files::Files;
-use super::frames::words as words_at_frame;
+use super::frames::{refuse_tokens, words as words_at_frame};
 use super::options::Context;
 use super::parse;
 use crate::run::frames;
 use crate::scene::Scene;
 use crate::scene::load::{Change, Settings, is_packed};
 use crate::{Error, Result};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// A path as a word of a command line.
@@ -127,14 +128,26 @@ impl SceneInput {
         Ok(words)
     }
 
-    /// Whether its words have tokens for the number of a frame, so that each frame has a scene of its
-    /// own.
+    /// Words of the user in which tokens for the number of a frame may stand.
+    fn typed(&self) -> impl Iterator<Item = OsString> + '_ {
+        let scene = self.scene.iter().map(Into::into);
+        let changes = self.reading.set.iter();
+        let changes = changes.map(|Change { key, value }| format!("{key}={value}").into());
+        let group = self.reading.group.iter().map(Into::into);
+        scene.chain(changes).chain(group)
+    }
+
+    /// Whether there are such tokens, so that each frame has a scene of its own.
+    pub fn has_tokens(&self) -> bool {
+        refuse_tokens(self.typed()).is_err()
+    }
+
+    /// Refuses such tokens where there are no frames.
     ///
     /// # Errors
-    /// As [`Self::words`].
-    pub fn has_tokens(&self) -> Result<bool> {
-        let words = self.words()?;
-        Ok(words.iter().any(|word| frames::token_in(word).is_some()))
+    /// The first of them.
+    pub fn refuse_tokens(&self) -> Result<()> {
+        refuse_tokens(self.typed())
     }
 
     /// The same at a frame, whose number takes the place of tokens.

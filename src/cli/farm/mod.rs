@@ -9,7 +9,6 @@ mod plan;
 mod slurm;
 
 use super::files::Files;
-use super::frames::refuse_tokens;
 use super::options::{Context, Seed};
 use super::scene_input::{SceneInput, utf8};
 use super::{output, parse, progress};
@@ -187,7 +186,7 @@ fn load(input: &SceneInput, frame: Option<i32>, context: &Context) -> Result<Sce
     match frame {
         Some(number) => input.at_frame(number).load_at(frame, context),
         None => {
-            refuse_tokens(input.words()?.into_iter().map(Into::into))?;
+            input.refuse_tokens()?;
             input.load_at(None, context)
         }
     }
@@ -198,7 +197,7 @@ fn list(input: &SceneInput, frames: Option<&Frames>, context: &Context) -> Resul
     let numbers = frames.map_or(&[][..], Frames::numbers);
     let scene = load(input, numbers.first().copied(), context)?;
     let mut paths = scene.files;
-    if scene.files_of_frame.is_some() || input.has_tokens()? {
+    if scene.files_of_frame.is_some() || input.has_tokens() {
         for &frame in numbers.iter().skip(1) {
             paths.extend(load(input, Some(frame), context)?.files);
         }
@@ -231,7 +230,7 @@ impl JobOptions {
             name: scene.name.clone(),
             scene: self.scene.words()?,
             frames: frames.cloned(),
-            has_own_files: scene.files_of_frame.is_some() || self.scene.has_tokens()?,
+            has_own_files: scene.files_of_frame.is_some() || self.scene.has_tokens(),
             cameras: self.cameras.clone(),
             tiles: self.tiles,
             parts: self.parts,
@@ -270,7 +269,7 @@ impl JobOptions {
             let may_have_more = scene.files_of_frame.is_some() && scene.has_empty_volumes;
             may_have_more || scene.volumes.iter().any(|v| v.phase.is_isotropic())
         };
-        if may(first) || !self.scene.has_tokens()? {
+        if may(first) || !self.scene.has_tokens() {
             return Ok(may(first));
         }
         let numbers = frames.map_or(&[][..], Frames::numbers);
