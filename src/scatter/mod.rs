@@ -46,12 +46,12 @@ pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
     Ok(budget.bytes())
 }
 
-/// Lights the media of a scene from its tree, and writes their light to a file. At a frame without
-/// media, or of such alone whose light differs with the camera, it is a file without light: others of
-/// its frames may have them.
+/// Lights the media of a scene from its tree, and writes their light to a file. Of a scene
+/// without media that names empty volumes, or is at a frame, it is a file without light, as it is of
+/// media alone whose light differs with the camera: others of its frames may have light.
 ///
 /// # Errors
-/// A scene without media and without frames, a setting out of range, a tree in another frame than the scene
+/// A scene without media otherwise, a setting out of range, a tree in another frame than the scene
 /// ([`Scene::in_frame`]), more vertices than the memory limit allows, a page that cannot be read, a
 /// file that cannot be written, or a stop on request.
 pub fn run(
@@ -130,15 +130,16 @@ pub fn has_made(
 }
 
 /// Whether there are volumes whose light is the same for all cameras. Tells of others, and refuses a
-/// scene of such alone, or of none, unless it is at a frame.
+/// scene of such alone, or of none, unless it names volumes that are empty or is at a frame, as others of
+/// its frames may have them.
 fn has_lit_media(scene: &Scene, job: &Job) -> Result<bool> {
-    let is_none = |error: Error| match scene.frame {
-        Some(frame) => {
-            job.progress
-                .say(&format!("nothing to scatter in frame {frame}: {error}"));
+    let others_may = scene.frame.is_some() || scene.has_empty_volumes;
+    let is_none = |error: Error| match others_may {
+        true => {
+            job.progress.say(&format!("nothing to scatter: {error}"));
             Ok(false)
         }
-        None => Err(error),
+        false => Err(error),
     };
     if scene.volumes.is_empty() {
         return is_none(
