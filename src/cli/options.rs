@@ -50,8 +50,8 @@ pub struct Shared {
     #[arg(long, global = true)]
     strict: bool,
 
-    /// Refuse a tree or scattered light of another scene, of which there is a warning otherwise, with
-    /// exit code 2; tasks of `lvox farm` do
+    /// Refuse a tree or scattered light of another scene, of which there is a warning otherwise,
+    /// with exit code 2; tasks of `lvox farm` do
     #[arg(long, global = true)]
     same_scene: bool,
 

@@ -35,8 +35,8 @@ impl TreeInput {
     /// scene; says which file the tree is in, too.
     ///
     /// # Errors
-    /// As [`SceneInput::load`], [`OpenTree::open`] and [`Scene::in_frame`], without a tree, and with that of
-    /// another scene where it has to be the same.
+    /// As [`SceneInput::load`], [`OpenTree::open`] and [`Scene::in_frame`], without a tree, and
+    /// with that of another scene where it has to be the same.
     pub fn open(&self, context: &Context) -> Result<(Scene, OpenTree, PathBuf)> {
         let path = self.scene.tree(self.tree.as_ref())?;
         if let Some((scene, store)) = self.take_kept(&path, context)? {

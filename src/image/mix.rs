@@ -87,8 +87,8 @@ pub struct Mixed {
 /// Adds images up, with factors on the light of groups.
 ///
 /// # Errors
-/// [`crate::Kind::Input`] for images of different pixels, frames or cameras, a group that is there twice, an image
-/// without groups, or a factor on a group that is not there.
+/// [`crate::Kind::Input`] for images of different pixels, frames or cameras, a group that is there
+/// twice, an image without groups, or a factor on a group that is not there.
 pub fn mix(parts: Vec<Part>, scales: &[GroupScale]) -> Result<Mixed> {
     let Some(first) = parts.first() else {
         return Err(Error::input("there are no images to add up"));
@@ -186,9 +186,9 @@ fn lights(parts: &[Part]) -> Result<Vec<GroupLight<'_>>> {
     Ok(lights)
 }
 
-/// Refuses an image that shows another frame than the first one, or shows it through another camera:
-/// the sum would show both. What only one of them tells is no difference, as images may have come
-/// through other programs.
+/// Refuses an image that shows another frame than the first one, or shows it through another
+/// camera: the sum would show both. What only one of them tells is no difference, as images may
+/// have come through other programs.
 fn check_view(first: &Part, part: &Part) -> Result<()> {
     let differ = |what: &str, told: [Option<String>; 2]| {
         let [Some(here), Some(there)] = told else {

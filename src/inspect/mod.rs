@@ -40,7 +40,8 @@ use crate::formats::{Cloud, FileKind, FormatError, MappedFile, Tree};
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Refuses a file that is of another format than those of lvox, and says of which kinds it should be.
+/// Refuses a file that is of another format than those of lvox, and says of which kinds it should
+/// be.
 ///
 /// # Errors
 /// [`crate::Kind::Input`], also for a file that cannot be read.

@@ -46,9 +46,9 @@ pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
     Ok(budget.bytes())
 }
 
-/// Lights the media of a scene from its tree, and writes their light to a file. Of a scene
-/// without media that names empty volumes, or is at a frame, it is a file without light, as it is of
-/// media alone whose light differs with the camera: others of its frames may have light.
+/// Lights the media of a scene from its tree, and writes their light to a file. Of a scene without
+/// media that names empty volumes, or is at a frame, it is a file without light, as it is of media
+/// alone whose light differs with the camera: others of its frames may have light.
 ///
 /// # Errors
 /// A scene without media otherwise, a setting out of range, a tree in another frame than the scene
@@ -129,9 +129,9 @@ pub fn has_made(
     Ok(found == expected)
 }
 
-/// Whether there are volumes whose light is the same for all cameras. Tells of others, and refuses a
-/// scene of such alone, or of none, unless it names volumes that are empty or is at a frame, as others of
-/// its frames may have them.
+/// Whether there are volumes whose light is the same for all cameras. Tells of others, and refuses
+/// a scene of such alone, or of none, unless it names volumes that are empty or is at a frame, as
+/// others of its frames may have them.
 fn has_lit_media(scene: &Scene, job: &Job) -> Result<bool> {
     let others_may = scene.frame.is_some() || scene.has_empty_volumes;
     let is_none = |error: Error| match others_may {

@@ -386,7 +386,8 @@ fn templates_have_every_step() {
     assert_eq!(frames, Some("1,3"));
 }
 
-/// What a template runs, as its runner does it: the script, and the parameters as words of their own.
+/// What a template runs, as its runner does it: the script, and the parameters as words of their
+/// own.
 #[test]
 fn templates_run_in_folders_of_any_name() {
     let work = smoke();

@@ -75,8 +75,8 @@ struct JobOptions {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Write images to this file, whose folder is made; with several frames its name needs ####, with
-    /// several cameras {camera}
+    /// Write images to this file, whose folder is made; with several frames its name needs ####,
+    /// with several cameras {camera}
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 

@@ -4,8 +4,8 @@ use super::plan::{Axis, Plan, Step, Task, shell};
 use crate::{Error, Result};
 use serde_json::{Value, json};
 
-/// What the script of a task is given beside itself, as words of its own: text of a parameter within
-/// the script would be read as shell, quotes in it included.
+/// What the script of a task is given beside itself, as words of its own: text of a parameter
+/// within the script would be read as shell, quotes in it included.
 const ARGUMENTS: [&str; 2] = ["{{Param.Folder}}", "{{Param.Lvox}}"];
 /// How a script begins.
 const START: &str = "set -e\ncd \"$1\"\nlvox=$2\n";

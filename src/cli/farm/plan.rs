@@ -365,8 +365,8 @@ impl Plan {
             .0
     }
 
-    /// Refuses options of stages that the job gives itself, or that a stage would refuse, also where
-    /// the job does without the stage.
+    /// Refuses options of stages that the job gives itself, or that a stage would refuse, also
+    /// where the job does without the stage.
     ///
     /// # Errors
     /// What the stage says, on one line.
@@ -491,9 +491,9 @@ impl Line {
     }
 }
 
-/// Command lines as a shell reads them on one line, each of which needs the one before. Several are in
-/// a subshell: `sh -e` goes on where one of `a && b` fails that is not the last, but not where `(a && b)`
-/// does.
+/// Command lines as a shell reads them on one line, each of which needs the one before. Several are
+/// in a subshell: `sh -e` goes on where one of `a && b` fails that is not the last, but not where
+/// `(a && b)` does.
 ///
 /// # Errors
 /// A word that no shell can be told.
