@@ -30,8 +30,8 @@ use std::path::{Path, PathBuf};
 /// worst errors of quantisation. Kept samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this file: a scene (.toml .xml .gltf .glb), a mesh (.obj .ply), a volume (.vdb .nrrd .nhdr .nii
-    /// .nii.gz .mhd .mha .vol),
+    /// Read this file: a scene (.toml .xml .gltf .glb), a mesh (.obj .ply .stl), a volume (.vdb .nrrd
+    /// .nhdr .nii .nii.gz .mhd .mha .vol),
     /// or .lvc .lvt .lvs .lvp .exr .exr.sums
     file: PathBuf,
 

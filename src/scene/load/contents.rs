@@ -7,7 +7,9 @@ use super::files::{Files, extension};
 use super::left_out::tell_left_grids;
 use super::scale::{Density, Scale};
 use super::values::GridValues;
-use super::{FIELD_FILES, Settings, finish, obj, ply, read_field, read_scene, refuse_changes, vdb};
+use super::{
+    FIELD_FILES, Settings, finish, obj, ply, read_field, read_scene, refuse_changes, stl, vdb,
+};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::scene::builder::{SceneBuilder, VolumeInput};
@@ -15,8 +17,9 @@ use crate::{Error, Result};
 use std::path::Path;
 
 /// Extensions of the files that [`contents`] reads.
-pub const EXTENSIONS: [&str; 13] = [
-    "toml", "xml", "gltf", "glb", "obj", "ply", "vdb", "nrrd", "nhdr", "nii", "mhd", "mha", "vol",
+pub const EXTENSIONS: [&str; 14] = [
+    "toml", "xml", "gltf", "glb", "obj", "ply", "stl", "vdb", "nrrd", "nhdr", "nii", "mhd", "mha",
+    "vol",
 ];
 
 /// What a file says that it holds.
@@ -58,7 +61,7 @@ pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents>
     files.values = Some(Vec::new());
     files.enter(path);
     let kind = match extension(path).as_str() {
-        "obj" | "ply" => ContentsKind::Mesh,
+        "obj" | "ply" | "stl" => ContentsKind::Mesh,
         "vdb" => ContentsKind::Volume,
         kind if FIELD_FILES.contains(&kind) => ContentsKind::Volume,
         _ => ContentsKind::Scene,
@@ -102,6 +105,7 @@ fn mesh(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
             let coloring = ply::Coloring { palette, encoding };
             ply::read(&content, path, &coloring, files)
         }
+        "stl" => stl::read(&content, path, files),
         _ => obj::read(&content, path, encoding, files),
     }?;
     mesh.check()?;

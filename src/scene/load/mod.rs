@@ -50,6 +50,7 @@ mod polygon;
 mod raw;
 mod samples;
 mod scale;
+mod stl;
 mod suggest;
 mod survey;
 mod table;
@@ -279,6 +280,7 @@ mod tests {
     use std::io::Write;
 
     const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    const STL: &str = "solid\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n";
     const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement face 0\n\
                        property list uchar int vertex_indices\nend_header\n0\n";
     /// A triangle without area.
@@ -313,7 +315,7 @@ mod tests {
         };
         let field = |cancel: &Cancel| nrrd::read(nrrd(), Path::new("x"), &mut Files::until(cancel));
         let going = Cancel::default();
-        let read: [(&str, &Read); 7] = [
+        let read: [(&str, &Read); 8] = [
             ("file", &|c| {
                 Files::until(c)
                     .read("mesh", Path::new("Cargo.toml"))
@@ -322,6 +324,9 @@ mod tests {
             ("obj", &|c| mesh(c).map(drop)),
             ("ply", &|c| {
                 ply::read(PLY.as_bytes(), path, &coloring, &mut Files::until(c)).map(drop)
+            }),
+            ("stl", &|c| {
+                stl::read(STL.as_bytes(), path, &mut Files::until(c)).map(drop)
             }),
             ("gltf", &|c| {
                 gltf::read(GLTF.as_bytes(), Path::new("x"), &mut Files::until(c)).map(drop)

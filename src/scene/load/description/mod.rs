@@ -14,7 +14,7 @@ use super::files::{Files, beside, extension};
 use super::groups::Groups;
 use super::table::{Document, Item, Table};
 use super::texture::Decoding;
-use super::{builtin, changes, gltf, normals, obj, ply, texture, transform};
+use super::{builtin, changes, gltf, normals, obj, ply, stl, texture, transform};
 use crate::Result;
 use crate::run::Cancel;
 use crate::scene::builder::{DEFAULT_FILM, EmissiveInput, MAX_EMISSION, MeshInput, SceneBuilder};
@@ -250,12 +250,12 @@ fn mesh_file(
 ) -> Result<MeshInput> {
     let kind = extension(path);
     let keys = file_keys(table, &kind)?;
-    if !["obj", "ply", "gltf", "glb"].contains(&kind.as_str()) {
+    if !["obj", "ply", "stl", "gltf", "glb"].contains(&kind.as_str()) {
         return Err(table
             .error(format_args!(
                 "a mesh with the extension \"{kind}\" is not supported"
             ))
-            .hint("meshes are .obj, .ply, .gltf or .glb files"));
+            .hint("meshes are .obj, .ply, .stl, .gltf or .glb files"));
     }
     files.enter(path);
     let content = files.read("mesh", path).map_err(|e| table.locate(e))?;
@@ -268,6 +268,7 @@ fn mesh_file(
             ply::read(&content, path, &coloring, files)
         }
         "obj" => obj::read(&content, path, keys.encoding, files),
+        "stl" => stl::read(&content, path, files),
         _ => gltf::read(&content, path, files).and_then(|import| {
             if keys.imports.contains(&1) && keys.light_scale == 1.0 {
                 import.tell_photometric(path, files);
@@ -277,7 +278,7 @@ fn mesh_file(
     };
     let mesh = mesh.map_err(|e| e.at(path.display()))?;
     // A glTF file may hold nothing but cameras, lights or a volume.
-    if mesh.is_empty() && ["obj", "ply"].contains(&kind.as_str()) {
+    if mesh.is_empty() && ["obj", "ply", "stl"].contains(&kind.as_str()) {
         files.warn(format!(
             "{}: no faces were found; it is left out",
             path.display()
