@@ -36,6 +36,43 @@ struct RaysToLights {
     within: f32,
     /// Those variances as they are.
     found_within: f32,
+    slope: Slope,
+}
+
+/// How the shares of 4 x 4 corners lie about a plane.
+#[derive(Debug, Default)]
+struct Slope {
+    sum: f32,
+    squares: f32,
+    /// Times the place of the corner, along rows and along columns.
+    moments: [f32; 2],
+}
+
+impl Slope {
+    /// Squares of the places of all corners along an axis, added up.
+    const SQUARES_OF_PLACES: f32 = 20.0;
+    const CORNERS: f32 = 16.0;
+
+    fn add(&mut self, row: usize, column: usize, share: f32) {
+        self.sum += share;
+        self.squares += share * share;
+        for (moment, place) in self.moments.iter_mut().zip([row, column]) {
+            *moment += share * (place as f32 - 1.5);
+        }
+    }
+
+    /// Whether all corners lie so near a plane, which is no level one, that they have no noise.
+    fn is_smooth(&self) -> bool {
+        /// Of the variance, what is off the plane.
+        const MOST_OFF: f32 = 0.05;
+        /// Variance of shares that are alike whatever rays told them.
+        const LEVEL: f32 = 1e-6;
+        let mean = self.sum / Self::CORNERS;
+        let variance = self.squares / Self::CORNERS - mean * mean;
+        let [x, y] = self.moments;
+        let on_plane = (x * x + y * y) / (Self::SQUARES_OF_PLACES * Self::CORNERS);
+        variance > LEVEL && variance - on_plane < MOST_OFF * variance
+    }
 }
 
 /// What rays near a pixel tell.
@@ -59,9 +96,11 @@ impl NearbyRays {
     /// to the sky.
     pub fn lit(&self, squares: impl FnOnce() -> Option<[Option<Squares>; 2]>) -> LightAtPixel {
         if !self.visibility.has_penumbra() {
+            let even =
+                |rays: &RaysToLights| rays.smooth(self.corners).unwrap_or_else(|| rays.all());
             return LightAtPixel::Arrived {
-                lamps: self.lamps.all(),
-                sky: self.sky.all(),
+                lamps: even(&self.lamps),
+                sky: even(&self.sky),
             };
         }
         let [Some(lamps), Some(sky)] = [&self.lamps, &self.sky].map(|rays| rays.lit(self.corners))
@@ -137,6 +176,7 @@ impl RaysToLights {
         self.quarters[row / 2 * 2 + column / 2] += ratio;
         self.within += variance(ratio);
         self.found_within += ratio.variance();
+        self.slope.add(row, column, ratio.share());
         if (1..3).contains(&row) && (1..3).contains(&column) {
             self.own += ratio;
         }
@@ -146,12 +186,21 @@ impl RaysToLights {
         sum(&self.quarters)
     }
 
+    /// What arrived at the pixel's own corners, if all 16 tell that it has no noise: more of them would
+    /// blur it.
+    fn smooth(&self, corners: f32) -> Option<ShadowRatio> {
+        (corners == Slope::CORNERS && self.slope.is_smooth()).then_some(self.own)
+    }
+
     /// What arrived along them, if that tells the light of the pixel.
     fn lit(&self, corners: f32) -> Option<Told> {
         let of_own = Told {
             arrived: self.own,
             is_own: true,
         };
+        if self.smooth(corners).is_some() {
+            return Some(of_own);
+        }
         if self.within > Self::LEAST_DIMMED * corners
             && self.found_within < Self::MAX_AGREEING * self.within
         {
@@ -243,6 +292,28 @@ mod tests {
         assert!(dimmed.is_own);
         assert_eq!(dimmed.arrived.unshadowed.0[0], 16.0);
         assert!(!lit(false).is_some_and(|told| told.is_own));
+    }
+
+    #[test]
+    fn shares_on_a_slope_have_no_noise_and_others_may() {
+        let slope = |share: fn(usize, usize) -> f32| {
+            let mut slope = Slope::default();
+            for (row, column) in (0..4).flat_map(|row| (0..4).map(move |column| (row, column))) {
+                slope.add(row, column, share(row, column));
+            }
+            slope.is_smooth()
+        };
+        assert!(slope(|row, column| 0.1
+            + 0.02 * row as f32
+            + 0.05 * column as f32));
+        assert!(slope(|row, _| 0.04
+            + 0.01 * (row * row) as f32 / 9.0
+            + 0.01 * row as f32));
+        assert!(!slope(|_, _| 0.7));
+        assert!(!slope(|_, column| if column < 2 { 0.0 } else { 1.0 }));
+        assert!(!slope(
+            |row, column| [0.5, 0.75, 0.25, 1.0][(row * 3 + column * 2) % 4]
+        ));
     }
 
     #[test]
