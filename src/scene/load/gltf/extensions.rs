@@ -6,11 +6,12 @@ use gltf::{Document, Material};
 use serde_json::Value;
 
 /// Extensions that are read here or by the crate.
-const READ: [&str; 6] = [
+const READ: [&str; 7] = [
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_node_visibility",
     "KHR_texture_transform",
 ];

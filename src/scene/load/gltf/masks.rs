@@ -3,6 +3,7 @@
 
 use super::super::colors::ColorEncoding;
 use super::super::texture::{self, Decoding};
+use super::base_color::base_color;
 use super::{Reader, wrap};
 use crate::Result;
 use crate::scene::{Mask, Wrap};
@@ -24,7 +25,7 @@ impl Reader<'_> {
             AlphaMode::Mask => Some(material.alpha_cutoff().unwrap_or(0.5)),
             AlphaMode::Blend => None,
         };
-        let base = material.pbr_metallic_roughness();
+        let base = base_color(material);
         let mut within = |value: f32, what: &str| {
             if !(0.0..=1.0).contains(&value) {
                 self.left_out.note(what, format_args!("`{name}`"));
@@ -35,12 +36,12 @@ impl Reader<'_> {
                 value.clamp(0.0, 1.0)
             }
         };
-        let [_, _, _, opacity] = base.base_color_factor();
+        let [_, _, _, opacity] = base.factor;
         let opacity = within(opacity, "opacities outside of [0,1] are brought into it");
         let what = "`alphaCutoff` outside of [0,1] is brought into it";
         let cutoff = cutoff.map(|cutoff| within(cutoff, what));
         let mut texture = None;
-        if let Some(info) = base.base_color_texture() {
+        if let Some(info) = base.texture {
             texture = self.alpha(info.texture().source().index(), wrap(&info))?;
             if texture.is_none() && opacity == 1.0 {
                 let what = "masks of textures without alpha leave all";

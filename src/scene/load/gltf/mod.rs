@@ -13,6 +13,7 @@
 //! - `masks`: where surfaces are there; `placed`: where textures lie
 //! - here: nodes, meshes, materials, cameras and lights
 
+mod base_color;
 mod buffers;
 mod document;
 mod extensions;
@@ -36,6 +37,7 @@ use ::gltf::material::AlphaMode;
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::scene::Transform;
 use ::gltf::{Document, Node};
+use base_color::base_color;
 use buffers::Buffers;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
 use instancing::{KeptOnce, PlaceLists};
@@ -382,8 +384,8 @@ impl<'a> Reader<'a> {
             ColorEncoding::Linear.decode(&mut mesh.colors, &mut self.left_out);
         }
         let material = primitive.material();
-        let base_color = material.pbr_metallic_roughness().base_color_texture();
-        let placed = base_color.or_else(|| material.emissive_texture());
+        let placed = base_color(&material).texture;
+        let placed = placed.or_else(|| material.emissive_texture());
         let set = placed.as_ref().map_or(0, set_of);
         if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
             mesh.uvs = self.buffers.floats(&accessor, Vec2::from_array)?;
@@ -415,8 +417,8 @@ impl<'a> Reader<'a> {
             return Ok(index);
         }
         let name = material.name().unwrap_or("gltf");
-        let base = material.pbr_metallic_roughness();
-        let [r, g, b, _] = base.base_color_factor();
+        let base = base_color(material);
+        let [r, g, b, _] = base.factor;
         let mut made: Material = Material::diffuse(name, [r, g, b]);
         let strength = material.emissive_strength().unwrap_or(1.0);
         made.emission = material.emissive_factor().map(|e| e * strength);
@@ -444,8 +446,8 @@ impl<'a> Reader<'a> {
         {
             let image = info.texture().source().index();
             made.emission_texture = self.texture(image, wrap(&info))?;
-            let base = base.base_color_texture();
-            let is_elsewhere = base.is_some_and(|base| !is_placed_alike(&base, &info));
+            let base = base.texture.as_ref();
+            let is_elsewhere = base.is_some_and(|base| !is_placed_alike(base, &info));
             if is_elsewhere && made.emission_texture.is_some() && !without_uvs {
                 let what = "materials shine evenly, with the mean of their emissive texture, where that lies otherwise than \
                             that of their base colour";
@@ -456,7 +458,7 @@ impl<'a> Reader<'a> {
             }
         }
         made.mask = self.mask(material, name)?;
-        if let Some(info) = base.base_color_texture() {
+        if let Some(info) = base.texture {
             let image = info.texture().source().index();
             made.texture = self.texture(image, wrap(&info))?;
         }

@@ -133,3 +133,18 @@ fn an_emissive_texture_is_a_factor_on_the_emission() {
     let (import, told) = masked(json!({ "emissiveTexture": { "index": 0 } }), false);
     assert!(told.is_empty() && import.mesh.materials[0].emission_texture.is_none());
 }
+
+/// Older files state colours by another model.
+#[test]
+fn colours_beside_highlights_are_read() {
+    let (mut json, bin) = sample();
+    json["extensionsUsed"] = json!(["KHR_materials_pbrSpecularGlossiness"]);
+    json["materials"][0]["extensions"] = json!({
+        "KHR_materials_pbrSpecularGlossiness": { "diffuseFactor": [0.25, 0.5, 0.75, 1.0] }
+    });
+    let mut files = Files::default();
+    let import = read(&glb(&json, &bin), Path::new("x.glb"), &mut files).unwrap();
+    assert_eq!(import.mesh.materials[0].albedo, [0.25, 0.5, 0.75]);
+    let told = files.warnings.iter().any(|w| w.contains("Glossiness"));
+    assert!(!told, "{:?}", files.warnings);
+}
