@@ -157,6 +157,24 @@ fn what_a_texture_is_lacking_is_no_reason_to_draw_nothing() {
 }
 
 #[test]
+fn a_black_kd_hides_no_texture() {
+    let obj = b"mtllib x.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nusemtl a\nf 1/1 2/2 3/1\n";
+    for (mtl, albedo) in [
+        ("Kd 0 0 0\nmap_Kd t.png\n", 1.0),
+        ("map_Kd t.png\nKd 0 0 0\n", 1.0),
+        ("map_Kd t.png\nKd 0.5\n", 0.5),
+    ] {
+        let mtl = format!("newmtl a\n{mtl}");
+        let files: [(&str, &[u8]); 3] =
+            [("a.obj", obj), ("x.mtl", mtl.as_bytes()), ("t.png", &png())];
+        let scene = load(&mesh("a.obj", ""), &files).unwrap();
+        assert_eq!(scene.materials[0].albedo, [albedo; 3], "{mtl}");
+        let told = scene.warnings.iter().any(|w| w.contains("a black `Kd`"));
+        assert_eq!(told, albedo == 1.0, "{mtl}");
+    }
+}
+
+#[test]
 fn a_map_ke_says_where_a_material_shines() {
     let obj = b"mtllib x.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nusemtl a\nf 1/1 2/2 3/1\n";
     for (mtl, emission, told) in [

@@ -168,6 +168,7 @@ impl Reader<'_> {
                 let what = "`Kd` outside of [0,1] is brought into it";
                 material.albedo = self.left_out.within(color(rest)?, 1.0, what, number);
                 self.has_kd = true;
+                self.show();
             }
             "ke" => {
                 let what = "`Ke` below 0 or beyond any light is brought into range";
@@ -304,7 +305,21 @@ impl Reader<'_> {
                 material.albedo = [1.0; 3];
             }
         }
+        self.show();
         Ok(())
+    }
+
+    /// Shows a `map_Kd` as it is where `Kd` is black, as some exporters write it beside a texture.
+    fn show(&mut self) {
+        let Some(material) = self.out.materials.last_mut() else {
+            return;
+        };
+        if material.texture.is_some() && material.albedo == [0.0; 3] {
+            material.albedo = [1.0; 3];
+            let what = "a black `Kd` beside a `map_Kd` is taken as 1";
+            self.left_out
+                .note(what, format_args!("`{}`", material.name));
+        }
     }
 }
 
