@@ -287,3 +287,13 @@ fn what_cannot_be_read_is_one_line() {
     lvox(folder.0.path(), &["inspect", "a.raw"]).refused(2, &["a.raw"]);
     lvox(folder.0.path(), &["inspect", "a.obj", "--points", "1"]).refused(2, &["no points"]);
 }
+
+/// A medium of which no file has voxels is drawn as others are, and listed as they are.
+#[test]
+fn homogeneous_media_are_listed() {
+    let room = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/room.xml");
+    let found = json(&folder(), room);
+    let volumes = found["volumes"].as_array().unwrap();
+    assert_eq!(volumes.len(), 1, "{found}");
+    assert!(volumes[0]["active_voxels"].as_u64().unwrap() > 0, "{found}");
+}
