@@ -306,8 +306,9 @@ impl SceneBuilder {
             }));
         }
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
-        let volumes = self.volumes.into_iter();
-        let volumes = volumes.map(|v| v.on_even_voxels().in_scene(scene_from_world));
+        let volumes = VolumeInput::on_even_voxels(self.volumes, &mut notes);
+        let volumes = volumes.into_iter();
+        let volumes = volumes.map(|v| v.in_scene(scene_from_world));
         let shining = self.emissive.into_iter().filter(|e| !e.emission.is_black());
         let emissive = shining.map(|e| e.in_scene(scene_from_world));
         let cameras = self.cameras.into_iter();

@@ -39,12 +39,35 @@ impl VolumeInput {
     /// scans in thick slices. Blocks of voxels are as deep as they are long, and what is deep is
     /// divided into single ones, whatever their width.
     ///
-    /// By odd numbers, so that each voxel keeps its value and the light sees the same medium.
-    pub(super) fn on_even_voxels(self) -> Self {
-        let parts = self.parts_of_voxels();
+    /// By odd numbers, so that each voxel keeps its value and the light sees the same medium. Media on one
+    /// grid stay so. Notes what was divided.
+    pub(super) fn on_even_voxels(all: Vec<Self>, notes: &mut Vec<String>) -> Vec<Self> {
+        let parts: Vec<_> = all.iter().map(Self::parts_of_voxels).collect();
+        let of_grid = |of: &Self| {
+            let alike = all.iter().zip(&parts).filter(|(other, _)| {
+                other.sigma_t.dims() == of.sigma_t.dims()
+                    && other.world_from_grid == of.world_from_grid
+            });
+            alike.fold([1; 3], |most, (_, parts)| {
+                std::array::from_fn(|a| parts[a].max(most[a]))
+            })
+        };
+        let parts: Vec<[usize; 3]> = all.iter().map(of_grid).collect();
+        let all = all.into_iter().zip(parts);
+        all.map(|(volume, parts)| volume.in_parts(parts, notes))
+            .collect()
+    }
+
+    /// The same medium, each voxel divided along each axis.
+    fn in_parts(self, parts: [usize; 3], notes: &mut Vec<String>) -> Self {
         if parts == [1; 3] {
             return self;
         }
+        let [x, y, z] = parts;
+        notes.push(format!(
+            "volume `{}`: its voxels are divided by {x}, {y} and {z} along their axes, as they are deep and far from cubes",
+            self.name
+        ));
         let dims: [usize; 3] = std::array::from_fn(|a| self.sigma_t.dims()[a] * parts[a]);
         let finer = |grid: &Grid| {
             Grid::from_fn(dims, |at| {
@@ -251,7 +274,12 @@ mod tests {
         let colors = [0.2, 0.5, 0.9].map(|a| Grid::from_fn([9, 7, 4], move |_| a));
         let thick = of([9, 7, 4], [0.5, 0.5, 4.6], 3.0).albedo_grid(colors);
         let (before, place) = (grid(&thick), thick.world_from_grid);
-        let even = thick.on_even_voxels();
+        let mut notes = Vec::new();
+        let thin = VolumeInput::new("thin", Grid::from_fn([9, 7, 4], |_| 0.01), [0.5; 3], place);
+        let both = VolumeInput::on_even_voxels(vec![thick, thin], &mut notes);
+        let [even, thin] = <[VolumeInput; 2]>::try_from(both).unwrap();
+        assert_eq!(thin.sigma_t.dims(), [9, 7, 36]);
+        assert_eq!(notes.len(), 2);
         assert_eq!(even.sigma_t.dims(), [9, 7, 36]);
         for i in 0..500 {
             let [x, y] = sampling::r2(i, [0.3, 0.8]);
