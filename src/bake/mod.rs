@@ -28,7 +28,7 @@ mod surfels;
 use crate::math::{Rgb, Spectrum, unflatten};
 pub use crate::run::Part;
 use crate::run::{Job, Walked};
-use crate::scene::{Scene, Volume};
+use crate::scene::{GROUP_SETTING, Scene, Volume};
 use crate::{Error, Result};
 use glam::DAffine3;
 use lvox_formats::record::{Lvoxel, MAX_VOLUMES, Surfel, VolumeInfo};
@@ -317,6 +317,13 @@ pub fn origin(scene: &Scene, settings: &Settings) -> Result<CloudMeta> {
         SurfelSampling::Camera { name, .. } => (Some(scene.camera(name.as_deref())?), 0.0),
     };
     let mut listed = settings.listed();
+    // A packed scene does not say which of its lights it has.
+    listed.extend(
+        scene
+            .group
+            .clone()
+            .map(|group| (GROUP_SETTING.into(), group)),
+    );
     listed.extend(scene.parts(surfels_from));
     Ok(CloudMeta {
         scene_hash: scene.hash,

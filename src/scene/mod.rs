@@ -61,6 +61,9 @@ use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::PathBuf;
 
+/// Name of the setting of a cloud that says which group of lights it was baked with.
+pub const GROUP_SETTING: &str = "group";
+
 /// A whole scene, checked: every value is finite, every index in range, no transform singular.
 #[derive(Debug)]
 pub struct Scene {

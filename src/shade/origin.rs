@@ -7,7 +7,7 @@ use crate::formats::TreeMeta;
 use crate::image::exr::{self, Precision};
 use crate::image::{CameraMatrices, Region};
 use crate::run::hex;
-use crate::scene::Scene;
+use crate::scene::{GROUP_SETTING, Scene};
 use crate::tree::OpenTree;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -47,12 +47,16 @@ fn attributes_but_of_files(
         ..settings.clone()
     };
     let segments = OpenTree::segments_of(tree);
+    let mut of_tree = tree.cloud.settings.iter();
+    let of_tree = of_tree.find(|(name, _)| name == GROUP_SETTING);
+    let of_tree = of_tree.map(|(_, group)| group.clone());
+    let group = scene.group.clone().or(of_tree);
     let list = [
         Some(("version", env!("CARGO_PKG_VERSION").into())),
         Some(("exposure", scene.film.exposure.to_string())),
         Some(("scene", hex(&scene.hash))),
         scene.frame.map(|frame| ("frame", frame.to_string())),
-        scene.group.clone().map(|group| ("group", group)),
+        group.map(|group| ("group", group)),
         Some((BAKED, how_made(tree))),
         (segments != OpenTree::SEGMENTS_OF_ONE_BOUNCE).then(|| ("segments", segments.to_string())),
         Some((
