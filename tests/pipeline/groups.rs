@@ -61,7 +61,12 @@ fn groups_add_up_to_the_frame_of_all_lights() {
         assert!(mean(&beauty(&frame)) > 0.0, "{group}");
         // What is seen does not depend on what lights it.
         for name in ["depth", "normal", "position"] {
-            assert!(frame.layer(name) == whole.layer(name), "{group} {name}");
+            let [found, expected] = [&frame, &whole].map(|f| &f.layer(name).unwrap().channels);
+            let pairs = found.iter().zip(expected);
+            let mut pairs = pairs.flat_map(|(found, expected)| found.1.iter().zip(&expected.1));
+            // Edges that light shows are means of other samples.
+            let is_same = |(a, b): (&f32, &f32)| a == b || (a - b).abs() < 1e-6 * (1.0 + b.abs());
+            assert!(pairs.all(is_same), "{group} {name}");
         }
         Part {
             path: PathBuf::from(group),

@@ -209,7 +209,7 @@ fn wrong_scenes_and_settings_leave_nothing_behind() {
 fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
     let long = ROOM
         .replace("dims = [16, 16, 16]", "dims = [70000, 2, 2]")
-        .replace("sigma_t_scale = 6", "sigma_t_scale = 60");
+        .replace("sigma_t_scale = 6", "sigma_t_scale = 1.5");
     assert!(long != ROOM);
     let work = Work::new(&long);
     fs::write(work.path("smoke.raw"), vec![255; 70_000 * 4]).unwrap();

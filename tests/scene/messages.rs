@@ -169,8 +169,8 @@ fn scene_files() {
             "looked for /",
         ),
         (
-            "[[mesh]]\nfile = \"a.stl\"",
-            "the extension \"stl\" is not supported",
+            "[[mesh]]\nfile = \"a.fbx\"",
+            "the extension \"fbx\" is not supported",
             ".obj, .ply",
         ),
         (

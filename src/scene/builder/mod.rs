@@ -102,6 +102,8 @@ pub struct SceneBuilder {
     /// Whether cameras do not see environments.
     pub(super) is_environment_unseen: bool,
     pub(super) volumes: Vec<VolumeInput>,
+    /// Whether voxels stay those of their files, however far from cubes: for who describes files.
+    pub(super) keeps_voxels: bool,
     pub(super) emissive: Vec<EmissiveInput>,
     /// Groups that its lights are in.
     pub(super) groups: Vec<String>,
@@ -306,7 +308,10 @@ impl SceneBuilder {
             }));
         }
         let scene_from_world = DAffine3::from_translation(-world_from_scene);
-        let volumes = VolumeInput::on_even_voxels(self.volumes, &mut notes);
+        let volumes = match self.keeps_voxels {
+            true => self.volumes,
+            false => VolumeInput::on_even_voxels(self.volumes, &mut notes),
+        };
         let volumes = volumes.into_iter();
         let volumes = volumes.map(|v| v.in_scene(scene_from_world));
         let shining = self.emissive.into_iter().filter(|e| !e.emission.is_black());

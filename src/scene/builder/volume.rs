@@ -1,6 +1,7 @@
 //! Volumes as they are handed to a builder.
 
 use super::{MAX_COORDINATE, check_near, is_singular};
+use crate::scene::grid::BRICK_CELLS;
 use crate::scene::{AlbedoGrid, Grid, PhaseFunction, Volume};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
@@ -103,11 +104,14 @@ impl VolumeInput {
             }
         });
         let dims = self.sigma_t.dims();
+        // As a grid holds them, brick by brick.
         let voxels = |parts: &[usize; 3]| {
             let along = dims.iter().zip(parts);
-            along.fold(1_usize, |all, (n, p)| all.saturating_mul(n * p))
+            along.fold(1_usize, |all, (n, p)| {
+                all.saturating_mul((n * p).next_multiple_of(BRICK_CELLS))
+            })
         };
-        let most = Self::MOST_OF_ALL.max(voxels(&[Self::MOST_OF_EACH, 1, 1]));
+        let most = Self::MOST_OF_ALL.max(voxels(&[1; 3]).saturating_mul(Self::MOST_OF_EACH));
         while voxels(&parts) > most && parts != [1; 3] {
             parts = parts.map(|n| (n / 2) & !1 | 1);
         }

@@ -80,6 +80,10 @@ pub fn contents(path: &Path, settings: &Settings, job: &Job) -> Result<Contents>
     let values = files.values.take().unwrap_or_default();
     tell_left_grids(&mut files);
     let read_warnings = files.warnings.len();
+    let builder = SceneBuilder {
+        keeps_voxels: true,
+        ..builder
+    };
     let mut scene = finish(builder, files).map_err(|e| e.at(path.display()))?;
     if kind != ContentsKind::Scene {
         // That there is no camera and no light is no surprise.

@@ -275,7 +275,8 @@ mod tests {
         let lit = |is_dimmed: bool| {
             let mut rays = RaysToLights::default();
             for (row, column) in (0..4).flat_map(|row| (0..4).map(move |column| (row, column))) {
-                let share = 0.25 * column as f32;
+                // On no plane.
+                let share = [0.0, 0.5, 0.25, 0.75][column];
                 rays.add(
                     row,
                     column,
