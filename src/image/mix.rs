@@ -1,7 +1,7 @@
 //! Images of groups of lights added up: light is a sum, so that a frame is lit anew by factors on
 //! what each group sends, without another ray.
 
-use super::{CameraMatrices, Frame, Layer};
+use super::{Frame, Layer};
 use crate::{Error, Result};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -210,13 +210,11 @@ fn check_view(first: &Part, part: &Part) -> Result<()> {
     let (Some(here), Some(there)) = (part.frame.camera, first.frame.camera) else {
         return Ok(());
     };
-    let matrices: [(&str, fn(&CameraMatrices) -> &[f32; 16]); 2] = [
-        ("worldToCamera", |c| &c.world_to_camera),
-        ("worldToNDC", |c| &c.world_to_ndc),
-    ];
-    for (name, of) in matrices {
-        if let Some(i) = first_difference(of(&here), of(&there)) {
-            let told = [of(&here), of(&there)].map(|matrix| Some(matrix[i].to_string()));
+    let [here, there] = [here, there].map(|c| [c.world_to_camera, c.world_to_ndc]);
+    let names = ["worldToCamera", "worldToNDC"].into_iter();
+    for (name, (here, there)) in names.zip(here.iter().zip(&there)) {
+        if let Some(i) = first_difference(here, there) {
+            let told = [here, there].map(|matrix| Some(matrix[i].to_string()));
             differ(&format!("{name}[{i}]"), told)?;
         }
     }
@@ -351,6 +349,7 @@ fn shared_attributes(parts: &[Part]) -> BTreeMap<String, String> {
 mod tests {
     use super::super::Region;
     use super::*;
+    use crate::image::CameraMatrices;
 
     fn part(group: &str, value: f32) -> Part {
         let mut frame = Frame::new(2, 1, Region::full(2, 1));

@@ -69,7 +69,7 @@ fn open_exr(content: &[u8], files: &mut Files) -> Result<EnvironmentImage> {
     let meta = meta.map_err(|e| refused(&e))?;
     let is_color = |header: &&exr::meta::header::Header| {
         let channels = &header.channels.list;
-        let has = |name: &&str| channels.iter().any(|c| c.name.eq(*name));
+        let has = |name: &&str| channels.iter().any(|c| c.name.eq(name));
         !header.deep && ["R", "G", "B"].iter().all(has)
     };
     let Some(header) = meta.headers.iter().find(is_color) else {
