@@ -91,7 +91,7 @@ fn what_is_not_there_is_told_with_the_nearest() {
         (
             "camera.fov_x_deg=40",
             "`camera` has no `fov_x_deg`",
-            "name one of main, as in camera.main.fov_x_deg",
+            "name one of main, side, as in camera.main.fov_x_deg",
         ),
         (
             "lihgt.0.intensity=[1,1,1]",
