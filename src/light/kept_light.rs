@@ -9,7 +9,7 @@ use super::lights::Lights;
 use super::open_sky::OpenSky;
 use super::shadow_rays::ShadowRays;
 use super::shadows::{ShadowMedia, Shadows};
-use super::suns::SunDepths;
+use super::sun_depths::SunDepths;
 use crate::Result;
 use crate::math::{Ray, Rgb, Spectrum, sampling, unflatten};
 use crate::scene::grid::BRICK_CELLS;

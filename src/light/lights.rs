@@ -13,7 +13,8 @@ use super::shading_point::{
 use super::shadow_rays::ShadowRays;
 use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 use super::sky::Sky;
-use super::suns::{Sun, SunDepths};
+use super::sun::Sun;
+use super::sun_depths::SunDepths;
 use crate::math::sampling::{cosine_hemisphere, sphere, tangents};
 use crate::math::{Environment, Ray, Rgb, SeenPhase, Spectrum};
 use crate::scene::Light;

@@ -23,7 +23,8 @@
 //! | `glow` | the light of emissive volumes |
 //! | `groups` | what stands for the lights that are no triangles of a scene that has many |
 //! | `sky` | an environment image: what gathers meet, and a light of what is brighter |
-//! | `suns` | suns with an extent, and the optical depth of media towards any |
+//! | `sun` | a directional light with an extent |
+//! | `sun_depths` | [`SunDepths`]: the optical depth of media towards suns |
 //! | `kept_light` | [`KeptLight`]: suns and skies in media from rays that are kept, for bakes |
 //! | `baked_depth` | the depth towards a sun as bakes need it: exact only where light gets |
 //! | `voxel_light` | [`VoxelLight`]: that light between the corners of a brick's voxels |
@@ -53,7 +54,8 @@ mod shading_point;
 mod shadow_rays;
 mod shadows;
 mod sky;
-mod suns;
+mod sun;
+mod sun_depths;
 mod tree;
 mod visibility;
 mod voxel_light;
@@ -66,6 +68,6 @@ pub use kept_light::KeptLight;
 pub use lights::Lights;
 pub use shadow_rays::ShadowRays;
 pub use shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
-pub use suns::SunDepths;
+pub use sun_depths::SunDepths;
 pub use visibility::Visibility;
 pub use voxel_light::VoxelLight;

@@ -5,7 +5,6 @@ use crate::run::size;
 use crate::scene::EnvironmentImage;
 use crate::{Error, Result};
 use exr::meta::MetaData;
-use exr::meta::attribute::Chromaticities;
 use exr::prelude::{ReadChannels, ReadLayers, RgbChannels, Vec2};
 use glam::{Mat3, Vec3};
 use image::ImageDecoder;
@@ -13,6 +12,9 @@ use image::codecs::hdr::HdrDecoder;
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
+
+/// Where red, green, blue and white of Rec. 709 lie, as CIE x and y.
+const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
 
 /// Reads the image at `path`.
 ///
@@ -100,8 +102,9 @@ fn open_exr(content: &[u8], files: &mut Files) -> Result<EnvironmentImage> {
         .map_err(|e| refused(&e))?;
     let (across, texels) = image.layer_data.channel_data.pixels;
     let mut texels = window.filled(across, texels);
-    if let Some(primaries) = image.attributes.chromaticities {
-        to_rec709(&primaries, &mut texels);
+    if let Some(c) = image.attributes.chromaticities {
+        let found = [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]);
+        to_rec709(found, &mut texels);
     }
     without_ringing(&mut texels, files);
     let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
@@ -158,25 +161,14 @@ impl ImageWindow {
 
 /// Takes colours of other primaries to those of Rec. 709, of the same chromaticity: white points are
 /// not adapted to each other.
-fn to_rec709(primaries: &Chromaticities, texels: &mut [[f32; 3]]) {
+fn to_rec709(found: [[f32; 2]; 4], texels: &mut [[f32; 3]]) {
     /// Of what files write as Rec. 709.
     const ROUNDING: f32 = 2e-3;
-    let Chromaticities {
-        red,
-        green,
-        blue,
-        white,
-    } = primaries;
-    let found = [red, green, blue, white].map(|Vec2(x, y)| [*x, *y]);
-    let own = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
-    let off = found.as_flattened().iter().zip(own.as_flattened());
-    if off
-        .into_iter()
-        .all(|(a, b): (&f32, &f32)| (a - b).abs() < ROUNDING)
-    {
+    let mut pairs = found.as_flattened().iter().zip(REC_709.as_flattened());
+    if pairs.all(|(a, b)| (a - b).abs() < ROUNDING) {
         return;
     }
-    let to_own = xyz_from_rgb(own).inverse() * xyz_from_rgb(found);
+    let to_own = xyz_from_rgb(REC_709).inverse() * xyz_from_rgb(found);
     if !to_own.is_finite() {
         return;
     }
@@ -311,25 +303,19 @@ mod tests {
 
     #[test]
     fn other_primaries_become_those_of_rec_709() {
-        let ap1 = Chromaticities {
-            red: Vec2(0.713, 0.293),
-            green: Vec2(0.165, 0.83),
-            blue: Vec2(0.128, 0.044),
-            white: Vec2(0.32168, 0.33767),
-        };
+        let ap1 = [
+            [0.713, 0.293],
+            [0.165, 0.83],
+            [0.128, 0.044],
+            [0.32168, 0.33767],
+        ];
         let mut texels = [[0.2, 0.4, 1.0]];
-        to_rec709(&ap1, &mut texels);
+        to_rec709(ap1, &mut texels);
         for (found, expected) in texels[0].iter().zip([0.025, 0.419, 1.011]) {
             assert!((found - expected).abs() < 2e-3, "{texels:?}");
         }
-        let rec709 = Chromaticities {
-            red: Vec2(0.64, 0.33),
-            green: Vec2(0.3, 0.6),
-            blue: Vec2(0.15, 0.06),
-            white: Vec2(0.3127, 0.329),
-        };
         let mut same = [[0.2, 0.4, 1.0]];
-        to_rec709(&rec709, &mut same);
+        to_rec709(REC_709, &mut same);
         assert_eq!(same, [[0.2, 0.4, 1.0]]);
     }
 
