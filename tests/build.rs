@@ -338,6 +338,24 @@ fn links_tell_of_pages_whose_parts_send_alike() {
 }
 
 #[test]
+fn pages_above_others_hold_many_links() {
+    let case = case(&room(60_000), &[]);
+    let settings = Settings {
+        page_bytes: 4096,
+        ..Settings::default()
+    };
+    built(&case, &settings);
+    let tree = Tree::open_path(&case.tree).unwrap();
+    let links = |page| {
+        let page: SurfelPage = tree.surfel_page(page).unwrap();
+        page.nodes.iter().filter_map(|n| n.below.page()).count()
+    };
+    let above = (0..tree.surfel_pages()).filter(|page| links(*page) > 0);
+    let (above, pages) = (above.count(), tree.surfel_pages());
+    assert!(above > 1 && pages > 15 * above, "{above} of {pages}");
+}
+
+#[test]
 fn same_bytes_for_any_memory_and_threads() {
     let case = case(&room(150_000), &smoke(30_000));
     let mut files: Vec<Vec<u8>> = Vec::new();

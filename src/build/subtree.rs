@@ -15,6 +15,9 @@ use std::cmp::Reverse;
 pub const MAX_LEAF_SURFELS: usize = 8;
 /// Below this many surfels a subtree is built by one thread.
 const SERIAL_SURFELS: usize = 8192;
+/// Of a node that does not fit in one page with all below it, what takes this share of a page or
+/// more is a page of its own.
+const LARGE_SHARE: u32 = 4;
 /// Bytes of a link, beside those of its node.
 const LINK_BYTES: u32 = 4;
 
@@ -197,8 +200,9 @@ impl PendingNode {
         page
     }
 
-    /// A node over others, with the sums over these. Cuts off pages until the rest fits in one: the
-    /// largest first, so that pages are few and full.
+    /// A node over others, with the sums over these. If they do not fit in one page, cuts off all
+    /// that are large, so that pages above are of nodes alone, which most patches need no more
+    /// than; then the largest first until the rest fits.
     fn over(mut children: Vec<Self>, sums: &AggregateSums, pages: &mut Pages) -> Result<Self> {
         let aggregate = sums.aggregate();
         let own = node_bytes(&aggregate);
@@ -207,8 +211,9 @@ impl PendingNode {
             let mut by_size: Vec<usize> = (0..children.len()).collect();
             by_size.sort_by_key(|i| (Reverse(children[*i].bytes), *i));
             let mut is_cut = [false; 8];
+            let large = pages.settings.bytes / LARGE_SHARE;
             for i in by_size {
-                if own + below <= pages.settings.bytes {
+                if own + below <= pages.settings.bytes && children[i].bytes < large {
                     break;
                 }
                 let child = &children[i];
