@@ -98,6 +98,14 @@ impl Blocks {
         self.albedos = albedos.collect();
     }
 
+    /// The same blocks with an albedo each.
+    pub fn with_albedos(mut self, albedos: Vec<Light>) -> Self {
+        let mean = albedos.iter().copied().sum::<Light>() / albedos.len().max(1) as f32;
+        self.albedo = mean.to_array();
+        self.albedos = albedos;
+        self
+    }
+
     /// The albedo of a block.
     pub fn albedo_of(&self, block: usize) -> Light {
         let own = self.albedos.get(block);

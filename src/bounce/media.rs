@@ -15,7 +15,7 @@ use crate::run::Cancel;
 use crate::tree::media::TwoLobes;
 use rayon::prelude::*;
 
-/// One volume, and the sources of its blocks.
+/// One medium, and the sources of its blocks.
 #[derive(Debug)]
 pub struct ScatteringVolume<'a, K> {
     blocks: &'a Blocks,
@@ -27,6 +27,8 @@ pub struct ScatteringVolume<'a, K> {
     lobes: Option<(Lobes, Vec<Light>)>,
     /// Of all light.
     sources: Vec<Light>,
+    /// What arrived in blocks when light last scattered, if that is kept.
+    arrived: Option<Vec<Light>>,
     /// Length of what they are made of.
     scale: f64,
     /// Sweeps that were made.
@@ -41,6 +43,8 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
     pub const BYTES_A_BLOCK: u64 = (Sweeps::<K>::BYTES_A_BLOCK
         + Diffusion::<K>::BYTES_A_BLOCK
         + size_of::<Light>() * (3 + krylov::VECTORS)) as u64;
+    /// Bytes a block beside these where volumes share a grid: an albedo each, and what arrives.
+    pub const BYTES_KEPT: u64 = Blocks::BYTES_OF_ALBEDO + size_of::<Light>() as u64;
     /// Most sweeps of one solution.
     const MOST_SWEEPS: u32 = 200;
 
@@ -53,6 +57,7 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
             direct,
             lobes: None,
             sources: direct.to_vec(),
+            arrived: None,
             scale: 0.0,
             swept: 0,
             residual: 0.0,
@@ -71,6 +76,20 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
             swept: self.swept + 1,
             ..self
         })
+    }
+
+    /// The same that keeps what arrives in blocks when light scatters.
+    pub fn that_keeps_arriving(self) -> Self {
+        Self {
+            arrived: Some(vec![Light::ZERO; self.blocks.len()]),
+            ..self
+        }
+    }
+
+    /// The mean over the sphere and over each block of the light that arrived there when it last
+    /// scattered; nothing if that was not to be kept.
+    pub fn arrived(&self) -> &[Light] {
+        self.arrived.as_deref().unwrap_or_default()
     }
 
     fn given(&self) -> &[Light] {
@@ -126,10 +145,24 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
         walls: &WallLight,
         cancel: &Cancel,
     ) -> Result<Vec<Light>> {
-        let mut light = self.sweeps.means(sources, walls, cancel)?;
+        let light = self.sweeps.means(sources, walls, cancel)?;
+        Ok(self.by_albedo(light))
+    }
+
+    fn by_albedo(&self, mut light: Vec<Light>) -> Vec<Light> {
         let lit = light.par_iter_mut().enumerate();
         lit.for_each(|(i, l)| *l *= self.blocks.albedo_of(i));
-        Ok(light)
+        light
+    }
+
+    /// What blocks scatter of light that arrives in them, which is kept if it is to be.
+    fn scattered_and_kept(&mut self, walls: &WallLight, cancel: &Cancel) -> Result<Vec<Light>> {
+        let light = self.sweeps.means(&self.sources, walls, cancel)?;
+        if let Some(arrived) = &mut self.arrived {
+            arrived.clone_from(&light);
+        }
+        self.swept += 1;
+        Ok(self.by_albedo(light))
     }
 
     /// Lets its light scatter once more.
@@ -137,14 +170,13 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
     /// # Errors
     /// A stop on request.
     pub fn scatter_once(&mut self, walls: &WallLight, cancel: &Cancel) -> Result<()> {
-        let mut next = self.scattered(&self.sources, walls, cancel)?;
+        let mut next = self.scattered_and_kept(walls, cancel)?;
         next.iter_mut()
             .zip(self.given())
             .for_each(|(n, d)| *n += *d);
         // Of what has scattered now, before the next time.
         self.find_ways(walls, cancel)?;
         self.sources = next;
-        self.swept += 1;
         Ok(())
     }
 
@@ -213,6 +245,17 @@ impl<'a, K: Share> ScatteringVolume<'a, K> {
         }
         self.find_ways(walls, cancel)
     }
+
+    /// Finds what arrives in blocks of all that they and surfaces send, if that is kept.
+    ///
+    /// # Errors
+    /// A stop on request.
+    pub fn find_arriving(&mut self, walls: &WallLight, cancel: &Cancel) -> Result<()> {
+        if self.arrived.is_some() {
+            self.scattered_and_kept(walls, cancel)?;
+        }
+        Ok(())
+    }
 }
 
 /// By receiver: what volumes send to it beyond the direct light that they scatter, where these are
@@ -226,14 +269,20 @@ pub fn at_receivers<K: Share>(
     let at = |(receiver, met): (&Receiver, &Vec<Met<K>>)| {
         let mut met = met.iter().peekable();
         let mut sum = Light::ZERO;
+        let mut in_turn: Vec<(f32, usize)> = Vec::with_capacity(volumes.len());
         for (i, ray) in (0..).zip(receiver.rays()) {
             let end = met
                 .next_if(|m| m.ray == i)
                 .map_or(f32::INFINITY, |m| m.hit.t);
             let ray = ray.up_to(end);
-            for (volume, added) in volumes.iter().zip(&added) {
-                let blocks = volume.blocks;
-                let mut passing = Light::ONE;
+            // One after the other, the nearest first.
+            in_turn.clear();
+            let starts = volumes.iter().map(|volume| volume.blocks.ends(&ray));
+            in_turn.extend((0..).zip(starts).filter_map(|(i, ends)| Some((ends?.0, i))));
+            in_turn.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let mut passing = Light::ONE;
+            for &(_, i) in &in_turn {
+                let (blocks, added) = (volumes[i].blocks, &added[i]);
                 blocks.walk(&ray, |block, near, far| {
                     let tau = blocks.sigma_t[block] / blocks.scale * (far - near);
                     let (passed, taken) = blocks.depth::<K>(tau).exp_neg_and_rest();

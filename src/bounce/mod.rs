@@ -4,8 +4,8 @@
 //! from lights, so that a picture has one bounce. Here light is gathered at few receivers, the rays
 //! of which are kept as links from one receiver to the next, over which further bounces go without
 //! another ray. What arrives after all of them is reflected by the surfels of a new tree. Media
-//! scatter every order of light, too, as means over their lvoxels. Volumes light each other by way
-//! of surfaces alone, and what goes on between these and one volume passes no other.
+//! scatter every order of light, too, as means over their lvoxels. Volumes on one grid are one medium.
+//! Others light each other by way of surfaces alone, and what surfaces send to one passes no other.
 //!
 //! | file | what it does |
 //! | --- | --- |
@@ -16,6 +16,7 @@
 //! | `places` | what is nearest and faces as a point does |
 //! | `links` | receivers by place, and the shares of light that go between them |
 //! | `blocks` | the lvoxels of a volume, and the way of a ray through them |
+//! | `shared_grid` | volumes on one grid as one medium |
 //! | `light` | light, by channel |
 //! | `lattice` | parallel rays through a volume; `walls`: the surfaces on them |
 //! | `crossings` | the lvoxels that rays cross, laid down |
@@ -42,6 +43,7 @@ mod receivers;
 mod rewrite;
 mod runs;
 mod settings;
+mod shared_grid;
 mod solve;
 mod surface_below;
 mod sweeps;
@@ -60,7 +62,6 @@ use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
 use crossings::Room;
-use glam::Vec3;
 use light::{Light, Share};
 use links::{Links, Sites};
 use lobes::Lobes;
@@ -72,6 +73,7 @@ use rayon::prelude::*;
 use receivers::{LitRun, Met, MetByReceiver, PageReceivers, Receiver, ReceiverMaker};
 use rewrite::{Neighbours, NewLight};
 pub use settings::{Bounces, Settings};
+use shared_grid::{Member, SharedGrid};
 use solve::{Exchange, Solution};
 use std::path::Path;
 use sweeps::Sweeps;
@@ -248,6 +250,10 @@ fn least_memory<K: Share>(
     let of_lvoxel = ScatteringVolume::<K>::BYTES_A_BLOCK
         + if has_lobes { Lobes::BYTES_A_BLOCK } else { 0 }
         + if varies { Blocks::BYTES_OF_ALBEDO } else { 0 };
+    let of_shared = match shared_grid::any_shared(&tree.meta().cloud.volumes) {
+        true => SharedGrid::MOST_BLOCKS * (of_lvoxel + ScatteringVolume::<K>::BYTES_KEPT),
+        false => 0,
+    };
     Budget::default()
         .with("the program and its threads", job.process_bytes)
         .with("the scene", scene.bytes())
@@ -256,7 +262,10 @@ fn least_memory<K: Share>(
             "receivers and their links",
             DIVIDED * runs * 2 * receiver as u64,
         )
-        .with("lvoxels", sums.lvoxels().saturating_mul(of_lvoxel))
+        .with(
+            "lvoxels",
+            sums.lvoxels().saturating_mul(of_lvoxel + of_shared),
+        )
         .with(
             "rays through media",
             SETS_AT_A_TIME * volumes.map(Sweeps::<K>::bytes_for).sum::<u64>(),
@@ -373,20 +382,20 @@ impl Gathering<'_> {
             sites: &sites,
         };
         let mean_cosines: Vec<f32> = scene.volumes.iter().map(|v| v.phase.moment(1)).collect();
-        let Lvoxels {
-            blocks,
-            direct,
-            lobes,
-        } = Lvoxels::of(source, &scene.volumes, &mean_cosines)?;
+        let infos = &source.meta().cloud.volumes;
+        let grids = SharedGrid::of_all(infos, lvoxels(source, &scene.volumes, &mean_cosines)?);
         let least = least_memory::<M::Share>(scene, source, settings, job);
         let room = Room::new(bytes_laid_down::<M::Share>(&least, source, job));
-        let volumes = (0..blocks.len()).map(|i| {
-            let (blocks, direct) = (&blocks[i], &direct[i]);
+        let volumes = grids.iter().map(|grid| {
+            let blocks = grid.blocks();
             let sweeps = Sweeps::new(blocks, &walls, &room, cancel)?;
-            let volume = ScatteringVolume::new(blocks, sweeps, direct);
-            match mean_cosines.get(i) {
-                Some(&g) if g != 0.0 => volume.in_lobes(Lobes::new(&lobes[i], g), cancel),
-                _ => Ok(volume),
+            let volume = ScatteringVolume::new(blocks, sweeps, grid.direct());
+            match grid.only() {
+                Some(only) if only.mean_cosine != 0.0 => {
+                    volume.in_lobes(Lobes::new(&only.lobes, only.mean_cosine), cancel)
+                }
+                Some(_) => Ok(volume),
+                None => Ok(volume.that_keeps_arriving()),
             }
         });
         let mut exchange = Exchange {
@@ -401,12 +410,23 @@ impl Gathering<'_> {
         lit.sweeps = exchange.volumes.iter().map(|v| v.swept).sum();
         let residuals = exchange.volumes.iter().map(|v| v.residual);
         lit.media_residual = residuals.fold(0.0, f64::max);
-        let sent = exchange.volumes.iter().map(ScatteringVolume::sent);
-        (lit.sources, lit.lobes) = sent.unzip();
-        if let ([blocks], [volume], [medium]) =
-            (&blocks[..], &exchange.volumes[..], &scene.volumes[..])
+        (lit.sources, lit.lobes) = (vec![Vec::new(); infos.len()], vec![Vec::new(); infos.len()]);
+        for (grid, volume) in grids.iter().zip(&exchange.volumes) {
+            match grid.only() {
+                Some(only) => {
+                    (lit.sources[only.volume], lit.lobes[only.volume]) = volume.sent();
+                }
+                None => {
+                    let sent = grid.sources(volume.arrived());
+                    sent.for_each(|(i, sources)| lit.sources[i] = sources);
+                }
+            }
+        }
+        if let ([grid], [volume], [medium]) =
+            (&grids[..], &exchange.volumes[..], &scene.volumes[..])
             && medium.phase.is_isotropic()
         {
+            let blocks = grid.blocks();
             let lights = Lights::<SceneMedia>::new(tracer);
             let environment = lights.environment();
             lit.incident = incident::of_lvoxels(volume, blocks, tracer, environment, cancel)?;
@@ -418,48 +438,40 @@ impl Gathering<'_> {
     }
 }
 
-/// The lvoxels of each volume of a tree.
-struct Lvoxels {
-    blocks: Vec<Blocks>,
-    /// Their sources of direct light.
-    direct: Vec<Vec<Light>>,
-    /// The mean directions in which that leaves; none where it leaves alike in all directions.
-    lobes: Vec<Vec<Vec3>>,
-}
-
-impl Lvoxels {
-    /// Those of a tree, of the volumes of a scene, whose phase functions have these mean cosines.
-    fn of(tree: &Tree<MappedFile>, media: &[Volume], mean_cosines: &[f32]) -> Result<Self> {
-        let cosine = |i: usize| mean_cosines.get(i).copied().unwrap_or(0.0);
-        let volumes = tree.meta().cloud.volumes.iter().enumerate();
-        let volumes = volumes.map(|(i, info)| match cosine(i) {
-            0.0 => Blocks::new(info),
-            g => Blocks::new(info).spreading(g),
-        });
-        let mut blocks: Vec<Blocks> = volumes.collect();
-        let mut direct = vec![Vec::new(); blocks.len()];
-        let mut lobes = vec![Vec::new(); blocks.len()];
-        for i in 0..tree.lvoxel_pages() {
-            for lvoxel in tree.lvoxel_page(i)? {
-                let volume = usize::from(lvoxel.volume);
-                blocks[volume].push(&lvoxel);
-                direct[volume].push(Light::from(lvoxel.source) / blocks[volume].scale);
-                if cosine(volume) != 0.0 {
-                    lobes[volume].push(mean_direction(lvoxel.lobe));
-                }
+/// The lvoxels of a tree, of the volumes of a scene, whose phase functions have these mean cosines.
+fn lvoxels(tree: &Tree<MappedFile>, media: &[Volume], mean_cosines: &[f32]) -> Result<Vec<Member>> {
+    let volumes = tree.meta().cloud.volumes.iter().enumerate();
+    let volumes = volumes.map(|(volume, info)| {
+        let mean_cosine = mean_cosines.get(volume).copied().unwrap_or(0.0);
+        Member {
+            volume,
+            blocks: match mean_cosine {
+                0.0 => Blocks::new(info),
+                g => Blocks::new(info).spreading(g),
+            },
+            direct: Vec::new(),
+            lobes: Vec::new(),
+            mean_cosine,
+        }
+    });
+    let mut members: Vec<Member> = volumes.collect();
+    for i in 0..tree.lvoxel_pages() {
+        for lvoxel in tree.lvoxel_page(i)? {
+            let own = &mut members[usize::from(lvoxel.volume)];
+            own.blocks.push(&lvoxel);
+            own.direct
+                .push(Light::from(lvoxel.source) / own.blocks.scale);
+            if own.mean_cosine != 0.0 {
+                own.lobes.push(mean_direction(lvoxel.lobe));
             }
         }
-        for (blocks, volume) in blocks.iter_mut().zip(media) {
-            if volume.albedo_grid.is_some() {
-                blocks.take_albedos(volume);
-            }
-        }
-        Ok(Self {
-            blocks,
-            direct,
-            lobes,
-        })
     }
+    for (member, volume) in members.iter_mut().zip(media) {
+        if volume.albedo_grid.is_some() {
+            member.blocks.take_albedos(volume);
+        }
+    }
+    Ok(members)
 }
 
 /// What a tree of all bounces says of its origin.

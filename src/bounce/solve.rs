@@ -123,6 +123,13 @@ impl<K: Share> Exchange<'_, K> {
                 break;
             }
         }
+        let walls = WallLight {
+            sends_tree: true,
+            light: &solution.light,
+        };
+        for volume in &mut self.volumes {
+            volume.find_arriving(&walls, self.cancel)?;
+        }
         Ok(solution)
     }
 
