@@ -87,6 +87,22 @@ impl ShadowRatio {
         }
     }
 
+    /// What lies so far on the way to what other rays brought: 0 is this, 1 the other.
+    #[must_use]
+    pub fn towards(&self, other: &Self, by: f32) -> Self {
+        let [all, of_other] = [self.unshadowed.mean(), other.unshadowed.mean()];
+        if all <= 0.0 || of_other <= 0.0 {
+            return *self;
+        }
+        let (own, others) = (1.0 - by, by * (all / of_other));
+        let mix = |a: Rgb, b: Rgb| a * own + b * others;
+        Self {
+            shadowed: mix(self.shadowed, other.shadowed),
+            unshadowed: mix(self.unshadowed, other.unshadowed),
+            squares: self.squares * own + other.squares * others,
+        }
+    }
+
     /// What rays brought, brought to the scale of `unshadowed` light; `None` if there was no ray.
     fn arriving(&self, unshadowed: Rgb) -> Option<Rgb> {
         let of_rays = self.unshadowed.mean();

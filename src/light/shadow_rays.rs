@@ -16,16 +16,20 @@ pub enum ShadowRays {
     },
     /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells
     /// in turn have, together, a well-spread set (Keller & Heidrich 2001), and with four rays each one
-    /// in each of 64 cells.
+    /// in each of 64 cells; so have four such squares, one in each of 256.
     Cells {
         /// Cell of the first ray, 0 to 15; others are in the quarters after it.
         cell: u8,
+        /// Which of four squares the point is in, 0 to 3.
+        square: u8,
         /// Rays to skip.
         first: u8,
         /// Rays to take.
         count: u8,
         /// Key of the point.
         seed: u64,
+        /// Key that the points of all squares share.
+        shared_seed: u64,
     },
 }
 
@@ -54,7 +58,12 @@ impl ShadowRays {
         match *self {
             Self::Sequence { first, seed, .. } => sobol2(first + i, set, mix(seed) as u32),
             Self::Cells {
-                cell, first, seed, ..
+                cell,
+                square,
+                first,
+                seed,
+                shared_seed,
+                ..
             } => {
                 let ray = u32::from(first) + i;
                 let first = u32::from(cell);
@@ -63,8 +72,13 @@ impl ShadowRays {
                 // The four points that a cell gets of the first four rays of all lie in its quarters.
                 let quarter = ray + 2 * (first >> 2) + first;
                 let [x, y] = [2 * x + (quarter & 1), 2 * y + (quarter >> 1 & 1)];
+                // So do those that each of the 64 cells gets of four squares, and those of one point lie
+                // in different quarters, so that no few points have them all off one way.
+                let turn = hash(&[shared_seed, u64::from(set), u64::from(first)]) as u32;
+                let part = u32::from(square) ^ ray ^ turn;
+                let [x, y] = [2 * x + (part & 1), 2 * y + (part >> 1 & 1)];
                 let [u, v] = unit2(hash(&[seed, u64::from(set), u64::from(ray)]));
-                [0.125 * (x as f32 + u), 0.125 * (y as f32 + v)]
+                [(x as f32 + u) / 16.0, (y as f32 + v) / 16.0]
             }
         }
     }
@@ -97,14 +111,20 @@ mod tests {
     use super::*;
     use std::collections::BTreeSet;
 
-    #[test]
-    fn four_rays_in_each_of_16_cells_lie_in_64_cells() {
-        let rays = |cell, first, count| ShadowRays::Cells {
+    fn in_square(square: u8, cell: u8, first: u8, count: u8) -> ShadowRays {
+        ShadowRays::Cells {
             cell,
+            square,
             first,
             count,
-            seed: u64::from(cell) + 7,
-        };
+            seed: u64::from(16 * square + cell) + 7,
+            shared_seed: 3,
+        }
+    }
+
+    #[test]
+    fn four_rays_in_each_of_16_cells_lie_in_64_cells() {
+        let rays = |cell, first, count| in_square(0, cell, first, count);
         let cells_of = |rays: ShadowRays| {
             (0..rays.count()).map(move |i| rays.point(i, 0).map(|u| (8.0 * u) as u32))
         };
@@ -117,5 +137,22 @@ mod tests {
             .map(|[x, y]| [x / 2, y / 2])
             .collect();
         assert_eq!(first.len(), 16);
+    }
+    #[test]
+    fn those_of_four_squares_lie_in_256_cells() {
+        let all: BTreeSet<_> = (0..4)
+            .flat_map(|square| (0..16).map(move |cell| in_square(square, cell, 0, 4)))
+            .flat_map(|rays| (0..4).map(move |i| rays.point(i, 0).map(|u| (16.0 * u) as u32)))
+            .collect();
+        assert_eq!(all.len(), 256);
+    }
+
+    #[test]
+    fn those_of_one_point_lie_in_different_quarters_of_their_cells() {
+        for cell in 0..16 {
+            let rays = in_square(2, cell, 0, 4);
+            let quarters = (0..4).map(|i| rays.point(i, 0).map(|u| (16.0 * u) as u32 % 2));
+            assert_eq!(quarters.collect::<BTreeSet<_>>().len(), 4);
+        }
     }
 }

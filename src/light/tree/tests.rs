@@ -361,9 +361,11 @@ fn rays_of_sixteen_cells_take_every_stratum_of_many_lights_once() {
         for cell in 0..16 {
             let rays = ShadowRays::Cells {
                 cell,
+                square: 0,
                 first: 0,
                 count: 1,
                 seed: 3 + u64::from(cell),
+                shared_seed: 3,
             };
             for i in 0..per_ray {
                 let [u, v] = rays.point_of_many(i, per_ray);

@@ -71,9 +71,11 @@ impl CornerPosition {
         let [x, y] = self.moved;
         ShadowRays::Cells {
             cell: CELL_ORDER[(y % 4 * 4 + x % 4) as usize],
+            square: (y / 4 % 2 * 2 + x / 4 % 2) as u8,
             first,
             count,
             seed: sampling::hash(&[shader.view.seed, 1, u64::from(x), u64::from(y)]),
+            shared_seed: sampling::hash(&[shader.view.seed, 2]),
         }
     }
 }

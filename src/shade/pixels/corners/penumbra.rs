@@ -120,9 +120,14 @@ impl NearbyRays {
     }
 }
 
-/// The shadow rays of 8 x 8 corners around a pixel: upper left, upper right, lower left, lower right.
+/// The shadow rays of 8 x 8 corners around a pixel.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Squares(pub [ShadowRatio; 4]);
+pub(super) struct Squares {
+    /// Of four squares of 4 x 4 corners: upper left, upper right, lower left, lower right.
+    pub sums: [ShadowRatio; 4],
+    /// Deviation of the share of each, about, where there is no edge.
+    pub noise: f32,
+}
 
 impl Squares {
     /// By how much two halves may differ, over the share that arrives: what rises as a square from the
@@ -131,23 +136,35 @@ impl Squares {
     /// The same of all light, for the bend at the end of a penumbra.
     const MAX_DIFFERENCE: f32 = 0.1;
     /// By how much, times the deviation of single rays, the mean may differ from that of the 4 x 4
-    /// corners in the middle: about one and a half times the noise of those.
+    /// corners in the middle: about one and a half times the noise of those where an edge is straight.
     const MAX_BEND: f32 = 0.06;
+    /// The same over the noise of a square.
+    const MAX_NOISE: f32 = 2.0;
 
     /// What arrived along all of them, if the penumbra is as wide as that beside what `narrow` tells.
+    /// Where it bends, that is between the two: what is furthest off of noise alone must not be taken
+    /// as it is.
     fn wide(&self, narrow: ShadowRatio) -> Option<ShadowRatio> {
-        let all = sum(&self.0);
+        let all = sum(&self.sums);
         let share = all.share();
-        let most = Self::MAX_DIFFERENCE.min(Self::MAX_RISE * share);
-        let [a, b, c, d] = self.0;
+        let deviation = variance(all).max(0.0).sqrt();
+        // No more than 64 rays anywhere have.
+        let noise = self.noise.min(deviation / 8.0);
+        let most = Self::MAX_DIFFERENCE.min(Self::MAX_RISE * share) + noise;
+        let [a, b, c, d] = self.sums;
         let differ = |one: [ShadowRatio; 2], other: [ShadowRatio; 2]| {
             (sum(&one).share() - sum(&other).share()).abs() > most
         };
+        if differ([a, b], [c, d]) || differ([a, c], [b, d]) {
+            return None;
+        }
         let bend = (share - narrow.share()).abs();
-        let is_wide = !differ([a, b], [c, d])
-            && !differ([a, c], [b, d])
-            && bend <= Self::MAX_BEND * variance(all).max(0.0).sqrt();
-        is_wide.then_some(all)
+        let most = (Self::MAX_BEND * deviation).max(Self::MAX_NOISE * noise);
+        match bend <= most {
+            true => Some(all),
+            false if bend < 2.0 * most => Some(narrow.towards(&all, 2.0 - bend / most)),
+            false => None,
+        }
     }
 }
 
@@ -256,9 +273,30 @@ mod tests {
         }
     }
 
-    fn wide(squares: [f32; 4], narrow: f32) -> Option<f32> {
-        let squares = Squares(squares.map(arrived));
+    fn wide_with_noise(noise: f32, squares: [f32; 4], narrow: f32) -> Option<f32> {
+        let squares = Squares {
+            sums: squares.map(arrived),
+            noise,
+        };
         squares.wide(arrived(narrow)).map(|all| all.share())
+    }
+
+    fn wide(squares: [f32; 4], narrow: f32) -> Option<f32> {
+        wide_with_noise(0.0, squares, narrow)
+    }
+
+    #[test]
+    fn what_is_within_noise_is_no_bend() {
+        let bent = |noise| wide_with_noise(noise, [0.5; 4], 0.58);
+        assert_eq!(bent(0.018), None);
+        let between = bent(0.03).unwrap();
+        assert!((0.52..0.53).contains(&between), "{between}");
+        assert_eq!(bent(0.05), Some(0.5));
+        let steep = |noise| wide_with_noise(noise, [0.4375, 0.5625, 0.4375, 0.5625], 0.5);
+        assert_eq!(steep(0.01), None);
+        assert_eq!(steep(0.05), Some(0.5));
+        // 64 rays have no more noise than this.
+        assert_eq!(wide_with_noise(1.0, [0.5; 4], 0.8), None);
     }
 
     #[test]
