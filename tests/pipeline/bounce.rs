@@ -104,6 +104,39 @@ fn smoke_that_takes_nothing_may_fill_a_closed_room() {
     assert!((found / 5.0 - 1.0).abs() < 0.01, "{found}");
 }
 
+/// Smoke in two parts, each of its own albedo, is lit as smoke of both of them together: it is 5 % darker,
+/// and was 21 % where each part was lit by itself.
+#[test]
+fn volumes_on_one_grid_light_each_other() {
+    let picture = |parts: &[(f32, f32)]| {
+        let mut text = String::from(
+            "[film]\nwidth = 24\nheight = 18\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+             fov_x_deg = 24\n[[light]]\ntype = \"directional\"\ndirection = [0.2, -1, 0.3]\n\
+             irradiance = [3, 3, 3]\n",
+        );
+        for (sigma_t, albedo) in parts {
+            text += &format!(
+                "[[volume]]\nfile = \"full.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+                 value_scale = 0.004\nsigma_t_scale = {sigma_t}\nalbedo = [{albedo}, {albedo}, {albedo}]\n\
+                 unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n"
+            );
+        }
+        let work = Work::new(&text);
+        fs::write(work.path("full.raw"), [250; 4096]).unwrap();
+        let scene = work.scene();
+        let tree = work.bake(&scene, 1000);
+        let tree = bounced(&scene, &tree, Bounces::All, None).unwrap();
+        beauty(&shade(&scene, &tree, &frames::Settings::default()))
+    };
+    let one = picture(&[(8.0, 0.9)]);
+    let two = picture(&[(5.0, 0.96), (3.0, 0.8)]);
+    let [of_one, of_two] = [&one, &two].map(|picture| mean(picture));
+    assert!(
+        (of_two / of_one - 1.0).abs() < 0.08,
+        "{of_two} beside {of_one}"
+    );
+}
+
 /// A convex body under a sky sends all of its light away: there is nothing to bounce.
 #[test]
 fn a_sky_is_reflected_once() {
