@@ -352,7 +352,8 @@ fn pages_above_others_hold_many_links() {
     };
     let above = (0..tree.surfel_pages()).filter(|page| links(*page) > 0);
     let (above, pages) = (above.count(), tree.surfel_pages());
-    assert!(above > 1 && pages > 15 * above, "{above} of {pages}");
+    // Cut largest first alone, they are 1 of 4.
+    assert!(above > 1 && 2 * pages > 9 * above, "{above} of {pages}");
 }
 
 #[test]

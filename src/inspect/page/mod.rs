@@ -46,7 +46,7 @@ pub enum Shown {
 
 /// Makes the page of a file from its description.
 ///
-/// Of clouds and trees as many pages are read as a view of 200,000 points needs, 4096 of each kind
+/// Of clouds and trees as many pages are read as a view of 200,000 points needs, 8192 of each kind
 /// at most, one at a time; the page says which.
 ///
 /// # Errors

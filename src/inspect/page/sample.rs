@@ -24,7 +24,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             points: 200_000,
-            pages: 4096,
+            pages: 8192,
         }
     }
 }
