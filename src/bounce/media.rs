@@ -269,26 +269,33 @@ pub fn at_receivers<K: Share>(
     let at = |(receiver, met): (&Receiver, &Vec<Met<K>>)| {
         let mut met = met.iter().peekable();
         let mut sum = Light::ZERO;
-        let mut in_turn: Vec<(f32, usize)> = Vec::with_capacity(volumes.len());
+        let mut on_ray: Vec<(f32, f32, usize, usize)> = Vec::new();
         for (i, ray) in (0..).zip(receiver.rays()) {
             let end = met
                 .next_if(|m| m.ray == i)
                 .map_or(f32::INFINITY, |m| m.hit.t);
             let ray = ray.up_to(end);
-            // One after the other, the nearest first.
-            in_turn.clear();
-            let starts = volumes.iter().map(|volume| volume.blocks.ends(&ray));
-            in_turn.extend((0..).zip(starts).filter_map(|(i, ends)| Some((ends?.0, i))));
-            in_turn.sort_by(|a, b| a.0.total_cmp(&b.0));
             let mut passing = Light::ONE;
-            for &(_, i) in &in_turn {
-                let (blocks, added) = (volumes[i].blocks, &added[i]);
-                blocks.walk(&ray, |block, near, far| {
-                    let tau = blocks.sigma_t[block] / blocks.scale * (far - near);
-                    let (passed, taken) = blocks.depth::<K>(tau).exp_neg_and_rest();
-                    sum += added[block].along(-ray.direction) * (passing * taken.light());
-                    passing *= passed.light();
-                });
+            let mut pass = |volume: usize, block: usize, near: f32, far: f32| {
+                let blocks = volumes[volume].blocks;
+                let tau = blocks.sigma_t[block] / blocks.scale * (far - near);
+                let (passed, taken) = blocks.depth::<K>(tau).exp_neg_and_rest();
+                sum += added[volume][block].along(-ray.direction) * (passing * taken.light());
+                passing *= passed.light();
+            };
+            if let [volume] = volumes {
+                (volume.blocks).walk(&ray, |block, near, far| pass(0, block, near, far));
+                continue;
+            }
+            // Blocks of all media by where the ray enters them: media may be in each other.
+            on_ray.clear();
+            for (i, volume) in volumes.iter().enumerate() {
+                let note = |block, near, far| on_ray.push((near, far, i, block));
+                volume.blocks.walk(&ray, note);
+            }
+            on_ray.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for &(near, far, volume, block) in &on_ray {
+                pass(volume, block, near, far);
             }
         }
         Rgb((sum / receiver.count as f32).to_array())
