@@ -9,7 +9,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lvox::image::Region;
 use lvox::internals::gather::{Gatherer, Medium, NoMedia, PatchRadiance, RayKernel, RaySettings};
-use lvox::internals::tree::{self, SurfelStore};
+use lvox::internals::tree;
 use lvox::internals::{
     Composite, Environment, Lights, SceneMedia, Scratch, ShadowRays, Surface, Tracer, plain,
     reference,
@@ -63,9 +63,7 @@ fn surfels(bencher: Bencher, kernel: &str) {
         "cone 0 sr" => (RayKernel::Cone, 0.0),
         _ => (RayKernel::Cone, 0.01),
     };
-    let SurfelStore::Resident(pages) = tree::surfels(&STORE) else {
-        unreachable!("no limit was given")
-    };
+    let pages = tree::surfels(&STORE);
     let gatherer = Gatherer {
         pages,
         media: NoMedia,
@@ -94,16 +92,14 @@ fn order(bencher: Bencher, order: &str) {
     let other = std::env::var_os("LVOX_BENCH_TREE")
         .map(|path| OpenTree::open(Path::new(&path), None).expect("LVOX_BENCH_TREE"));
     let store = other.as_ref().unwrap_or(&STORE);
-    let SurfelStore::Resident(pages) = tree::surfels(store) else {
-        unreachable!("no limit was given")
-    };
+    let pages = tree::surfels(store);
     let rays = gather_rays(store, RAYS);
     let mut scratch = Scratch::default();
     let bencher = bencher.counter(ItemsCount::new(RAYS));
     if order == "as stored" {
         bencher.bench_local(|| {
             for &(o, d) in &rays {
-                black_box(plain::cast_in_order::<_, false>(
+                black_box(plain::cast_in_order::<false>(
                     pages,
                     &Ray::endless(o, d),
                     &mut scratch,

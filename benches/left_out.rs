@@ -15,7 +15,7 @@ use lvox::formats::Overwrite;
 use lvox::image::Region;
 use lvox::inspect::{self, Description};
 use lvox::internals::gather::{self, Gatherer, Medium, NoMedia, PatchRadiance, SampleRange};
-use lvox::internals::tree::{self, Media, Pages, SurfelStore};
+use lvox::internals::tree::{self, Media, SurfelStore};
 use lvox::internals::{Environment, Tracer};
 use lvox::run::Job;
 use lvox::scene::Scene;
@@ -178,11 +178,8 @@ impl Baked {
         }
     }
 
-    fn pages(&self) -> &impl Pages {
-        match tree::surfels(&self.store) {
-            SurfelStore::Resident(pages) => pages,
-            SurfelStore::Cached(_) => unreachable!("no limit was given"),
-        }
+    fn pages(&self) -> &SurfelStore {
+        tree::surfels(&self.store)
     }
 
     /// Microseconds a receiver, with the code that a frame of this tree would choose.
@@ -196,9 +193,9 @@ impl Baked {
 
     /// Microseconds a receiver at the default settings, with other code. Nothing is known of
     /// patches at first, as in a frame.
-    fn time_with<P: Pages, M: Medium>(
+    fn time_with<M: Medium>(
         &self,
-        pages: &P,
+        pages: &SurfelStore,
         media: M,
         kernel: Kernel,
         receivers: u64,
@@ -386,10 +383,7 @@ fn main() {
         let media: Timing = Box::new(|n| plain.time_with(plain.pages(), &nothing, kernel, n));
         let cached = limited.as_ref().map(|store| -> Timing {
             let plain = &plain;
-            Box::new(move |n| match tree::surfels(store) {
-                SurfelStore::Resident(pages) => plain.time_with(pages, NoMedia, kernel, n),
-                SurfelStore::Cached(pages) => plain.time_with(pages, NoMedia, kernel, n),
-            })
+            Box::new(move |n| plain.time_with(tree::surfels(store), NoMedia, kernel, n))
         });
         for (name, timings) in [
             ("media", vec![of(&plain), media, of(&smoke)]),

@@ -16,7 +16,6 @@ use glam::{Vec3, Vec3A};
 use lvox::internals::gather::{
     Gatherer, NoMedia, PatchRadiance, RayKernel, RaySettings, SurfacePoint,
 };
-use lvox::internals::tree::ResidentTree;
 use lvox::internals::tree::{self, SurfelStore};
 use lvox::internals::{
     Environment, Scratch, Surface, Tracer, cosine_hemisphere, hash, mix, offset, sobol2, tangents,
@@ -125,9 +124,7 @@ fn main() {
     let folder = tempfile::tempdir().unwrap();
     for &surfels in size.surfels {
         let store = store(&scene, surfels, folder.path());
-        let SurfelStore::Resident(pages) = tree::surfels(&store) else {
-            unreachable!("no limit was given")
-        };
+        let pages = tree::surfels(&store);
         // As in a frame, whose gathers stand half as far apart. Each row has a table of its own, as
         // the rays of a frame have.
         for (name, quality) in Quality::ALL {
@@ -167,11 +164,7 @@ fn main() {
 }
 
 /// CPU seconds of rays that are cast one after the other.
-fn one_by_one(
-    gatherer: &Gatherer<ResidentTree, NoMedia>,
-    rays: &[(Vec3, Vec3)],
-    passes: u32,
-) -> f64 {
+fn one_by_one(gatherer: &Gatherer<NoMedia>, rays: &[(Vec3, Vec3)], passes: u32) -> f64 {
     let mut scratch = Scratch::default();
     best(passes, || {
         for &(origin, direction) in rays {
@@ -282,10 +275,10 @@ fn store(scene: &Scene, surfels: u64, folder: &Path) -> OpenTree {
 }
 
 fn gatherer<'a>(
-    pages: &'a ResidentTree,
+    pages: &'a SurfelStore,
     kernel: RayKernel<'a>,
     max_solid_angle: f32,
-) -> Gatherer<'a, ResidentTree, NoMedia> {
+) -> Gatherer<'a, NoMedia> {
     Gatherer {
         pages,
         media: NoMedia,

@@ -129,7 +129,7 @@ pub mod internals {
     pub mod tree {
         use crate::tree::OpenTree;
         pub use crate::tree::media::Media;
-        pub use crate::tree::pages::{Page, Pages, ResidentTree, SurfelStore};
+        pub use crate::tree::pages::{Page, SurfelStore};
 
         /// The pages of surfels of a tree.
         #[must_use]

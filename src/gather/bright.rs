@@ -4,10 +4,9 @@
 
 use super::patch_id::{PatchExtent, PatchId};
 use crate::math::{Aabb, Hit, Rgb};
-use crate::tree::Page;
-use crate::tree::Pages;
 use crate::tree::page::{ChildKind, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
+use crate::tree::{Page, SurfelStore};
 use glam::Vec3;
 use smallvec::SmallVec;
 use std::collections::HashSet;
@@ -95,8 +94,8 @@ pub(super) struct DiskSide {
 }
 
 /// A search for disks near hits.
-pub(super) struct BrightDiskSearch<'a, P> {
-    pub pages: &'a P,
+pub(super) struct BrightDiskSearch<'a> {
+    pub pages: &'a SurfelStore,
     pub hits: &'a [BrightHit],
     /// Number of hits that have to reach a disk.
     pub support: usize,
@@ -107,7 +106,7 @@ pub(super) struct BrightDiskSearch<'a, P> {
 /// Indices of hits.
 type Near = SmallVec<[u32; 32]>;
 
-impl<P: Pages> BrightDiskSearch<'_, P> {
+impl BrightDiskSearch<'_> {
     /// Gives every side of a disk that sends enough near enough hits to `found`, in the order of
     /// the tree, until that says no; returns whether it never did.
     pub fn for_each(&self, found: impl FnMut(&DiskSide) -> bool) -> bool {
@@ -132,14 +131,14 @@ impl<P: Pages> BrightDiskSearch<'_, P> {
 }
 
 /// A search on its way through the tree. What it knows of an open node is the hits that reach that.
-struct BrightQuery<'a, P, F> {
-    search: &'a BrightDiskSearch<'a, P>,
+struct BrightQuery<'a, F> {
+    search: &'a BrightDiskSearch<'a>,
     found: F,
 }
 
-impl<P, F: FnMut(&DiskSide) -> bool> BrightQuery<'_, P, F> {
+impl<F: FnMut(&DiskSide) -> bool> BrightQuery<'_, F> {
     /// Gives the sides of a leaf's disks that send enough to `found`.
-    fn in_leaf(&mut self, page: &impl Page, block: u32) -> ControlFlow<()> {
+    fn in_leaf(&mut self, page: &Page<'_>, block: u32) -> ControlFlow<()> {
         let leaves = page.leaves();
         let Some(block) = leaves.blocks.get(block as usize) else {
             return ControlFlow::Continue(());
@@ -162,12 +161,12 @@ impl<P, F: FnMut(&DiskSide) -> bool> BrightQuery<'_, P, F> {
     }
 }
 
-impl<P: Pages, F: FnMut(&DiskSide) -> bool> Query for BrightQuery<'_, P, F> {
+impl<F: FnMut(&DiskSide) -> bool> Query for BrightQuery<'_, F> {
     type State = Near;
 
-    fn visit<G: Page>(
+    fn visit(
         &mut self,
-        node: &Visited<'_, G>,
+        node: &Visited<'_>,
         of_node: &Near,
         open: &mut OpenNodes<Near>,
     ) -> ControlFlow<()> {

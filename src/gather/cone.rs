@@ -7,8 +7,7 @@
 
 use super::crossing::Crossing;
 use crate::math::{Ray, Rgb};
-use crate::tree::Page;
-use crate::tree::Pages;
+use crate::tree::SurfelStore;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use std::ops::ControlFlow;
@@ -68,8 +67,8 @@ impl SlabRay {
 /// Returns the opaque surface that ends a ray, if one does; partly covered nodes that the ray
 /// passes are left in `scratch`. A node that the ray's origin sees under less than
 /// `max_solid_angle`, in steradians, is taken whole.
-pub fn cast<P: Pages>(
-    pages: &P,
+pub fn cast(
+    pages: &SurfelStore,
     ray: &Ray,
     max_solid_angle: f32,
     scratch: &mut Scratch,
@@ -110,12 +109,7 @@ impl Query for ConeQuery<'_> {
     }
 
     #[inline(always)]
-    fn visit<G: Page>(
-        &mut self,
-        node: &Visited<'_, G>,
-        _: &f32,
-        open: &mut OpenNodes<f32>,
-    ) -> ControlFlow<()> {
+    fn visit(&mut self, node: &Visited<'_>, _: &f32, open: &mut OpenNodes<f32>) -> ControlFlow<()> {
         let (page, children) = (node.page, node.children);
         let hits = Hits::new(children, self.ray, self.t_end, self.max_solid_angle);
         let mut order = [0_u8; WIDTH];

@@ -8,7 +8,7 @@ use super::{cone, plain};
 use crate::math::sampling::{sobol2, sphere};
 use crate::math::segment::Composite;
 use crate::math::{Environment, Ray, Rgb, SeenPhase, Spectrum, sampling};
-use crate::tree::Pages;
+use crate::tree::SurfelStore;
 use crate::{Error, Result};
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -114,12 +114,11 @@ pub struct Incident {
     pub direction: Vec3,
 }
 
-/// Gathers from the pages of a tree, of one type, with one type of media; [`super::PointGatherer`] hides
-/// both.
+/// Gathers from a tree, with one type of media, which [`super::PointGatherer`] hides.
 #[derive(Clone, Copy, Debug)]
-pub struct Gatherer<'a, P, M> {
+pub struct Gatherer<'a, M> {
     /// Pages of the tree over surfels.
-    pub pages: &'a P,
+    pub pages: &'a SurfelStore,
     /// The media that rays pass.
     pub media: M,
     /// Rays, limits and kernel of all gathers.
@@ -207,10 +206,10 @@ impl IncidentSum {
     }
 }
 
-impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
+impl<'a, M: Medium> Gatherer<'a, M> {
     /// This gatherer without its media.
     #[must_use]
-    pub fn without_media(&self) -> Gatherer<'a, P, NoMedia> {
+    pub fn without_media(&self) -> Gatherer<'a, NoMedia> {
         Gatherer {
             pages: self.pages,
             media: NoMedia,
@@ -320,7 +319,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
     /// again and again, and is not known; none where another kernel finds what ends rays.
     pub fn unknown_along(&self, rays: &[Ray]) -> UnknownPatches {
         match self.settings.kernel {
-            RayKernel::Traced(patches) if P::ARE_CACHED => {
+            RayKernel::Traced(patches) if self.pages.are_cached() => {
                 patches.unknown_along(rays, self.settings.request())
             }
             _ => UnknownPatches::default(),
@@ -329,7 +328,7 @@ impl<'a, P: Pages, M: Medium> Gatherer<'a, P, M> {
 
     /// Whether [`Self::unknown_along`] may find any.
     pub fn has_unknown(&self) -> bool {
-        P::ARE_CACHED && matches!(self.settings.kernel, RayKernel::Traced(_))
+        self.pages.are_cached() && matches!(self.settings.kernel, RayKernel::Traced(_))
     }
 
     /// Evaluates patches in the order of their places.

@@ -12,7 +12,7 @@
 //! | --- | --- |
 //! | `gatherer` | gathers at receivers of any kind: rays, and what arrives along them |
 //! | `points` | gathers at points from a tree alone, for applications |
-//! | `dispatch` | the choice of compiled code by the kinds of pages and media |
+//! | `dispatch` | the choice of compiled code by the kind of media |
 //! | `medium` | what rays pass between surfaces, as a type that kernels are compiled for |
 //! | `directions` | the sequences of directions of a hemisphere |
 //! | `neighbours` | gathers of points near each other, in an order that keeps memory near |

@@ -8,7 +8,6 @@ use super::medium::Medium;
 use super::patch_radiance::UnknownPatches;
 use crate::math::Ray;
 use crate::math::sampling::{self, sobol2, sphere};
-use crate::tree::Pages;
 use glam::Vec3;
 use lvox_formats::morton::interleave;
 use std::sync::OnceLock;
@@ -90,7 +89,7 @@ impl DirectionOrder {
     }
 }
 
-impl<P: Pages, M: Medium> Gatherer<'_, P, M> {
+impl<M: Medium> Gatherer<'_, M> {
     /// Prepares the order for points that share a number of ranges.
     #[must_use]
     pub fn order(&self, ranges: u32) -> DirectionOrder {

@@ -7,7 +7,7 @@ use crate::math::{Ray, Rgb};
 use crate::tree::node_aggregate::NodeAggregate;
 use crate::tree::page::{ChildKind, DiskBlock, PageLeaves, PageNodes, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
-use crate::tree::{MISLEADING_DIFFERENCE, Page, Pages};
+use crate::tree::{MISLEADING_DIFFERENCE, SurfelStore};
 use glam::Vec3;
 use std::ops::ControlFlow;
 use wide::f32x8;
@@ -33,10 +33,10 @@ impl TriangleSide<'_> {
     /// Returns the radiance that a patch of the side sends: a mean over the disks and small nodes
     /// that hold its middle, or, where such a node is lit in a small part only, over those that
     /// hold the middles of its quarters. `None` where the tree knows no surface.
-    pub fn radiance<P: Pages>(
+    pub fn radiance(
         &self,
         id: &PatchId,
-        pages: &P,
+        pages: &SurfelStore,
         open: &mut OpenNodes<()>,
     ) -> Option<Rgb> {
         let mut mean = |id: &PatchId| Patch::new(id, self).mean(self, pages, open);
@@ -117,10 +117,10 @@ impl Patch {
     }
 
     /// The mean over disks and small nodes that hold its middle; `None` of an empty tree.
-    fn mean<P: Pages>(
+    fn mean(
         &self,
         side: &TriangleSide,
-        pages: &P,
+        pages: &SurfelStore,
         open: &mut OpenNodes<()>,
     ) -> Option<Mean> {
         pages.root()?;
@@ -178,14 +178,14 @@ impl Patch {
 }
 
 /// A patch that gathers what the nodes and disks say which hold its middle.
-struct PatchQuery<'a, P> {
+struct PatchQuery<'a> {
     patch: &'a Patch,
     side: &'a TriangleSide<'a>,
-    pages: &'a P,
+    pages: &'a SurfelStore,
     mean: Mean,
 }
 
-impl<P: Pages> PatchQuery<'_, P> {
+impl PatchQuery<'_> {
     /// Takes a node whole, unless what is below it says something else.
     fn takes_whole(&mut self, nodes: &PageNodes, node: &WideNode, k: usize) -> bool {
         let (patch, side) = (self.patch, self.side);
@@ -215,16 +215,11 @@ impl<P: Pages> PatchQuery<'_, P> {
     }
 }
 
-impl<P: Pages> Query for PatchQuery<'_, P> {
+impl Query for PatchQuery<'_> {
     type State = ();
 
     #[inline(always)]
-    fn visit<G: Page>(
-        &mut self,
-        node: &Visited<'_, G>,
-        (): &(),
-        open: &mut OpenNodes<()>,
-    ) -> ControlFlow<()> {
+    fn visit(&mut self, node: &Visited<'_>, (): &(), open: &mut OpenNodes<()>) -> ControlFlow<()> {
         let (page, children) = (node.page, node.children);
         let mut holding = self.patch.within(children);
         while holding != 0 {

@@ -15,7 +15,7 @@ use super::radiance_cache::RadianceCache;
 use crate::Result;
 use crate::math::{Hit, Ray, Rgb};
 use crate::tree::OpenTree;
-use crate::tree::Pages;
+use crate::tree::SurfelStore;
 use crate::tree::traversal::OpenNodes;
 use rayon::prelude::*;
 use std::path::Path;
@@ -214,9 +214,9 @@ impl<'a> PatchRadiance<'a> {
     /// hits speak for them. From then on rays that are to leave them out meet black there, and
     /// patches are smaller, near ones as small as surfels may be: large ones would blur the borders
     /// of bright places. None where there are too many.
-    pub fn find_bright<P: Pages>(
+    pub fn find_bright(
         &mut self,
-        pages: &P,
+        pages: &SurfelStore,
         hits: &[BrightHit],
         support: usize,
         least: f32,
@@ -264,7 +264,7 @@ impl<'a> PatchRadiance<'a> {
     /// Evaluates the radiance that a patch sends; black where the tree knows no surface.
     // Few rays ask, and the others need not hold what asking takes.
     #[cold]
-    fn evaluate<P: Pages>(&self, pages: &P, id: &PatchId, open: &mut OpenNodes<()>) -> Rgb {
+    fn evaluate(&self, pages: &SurfelStore, id: &PatchId, open: &mut OpenNodes<()>) -> Rgb {
         let triangle = id.triangle;
         let normal = self.geometry.normal(triangle);
         let side = TriangleSide {
@@ -288,9 +288,9 @@ impl<'a> PatchRadiance<'a> {
     #[must_use]
     // Not inlined by itself once it is compiled for more than one kind of medium.
     #[inline(always)]
-    pub fn cast<P: Pages>(
+    pub fn cast(
         &self,
-        pages: &P,
+        pages: &SurfelStore,
         ray: &Ray,
         request: PatchRequest,
         open: &mut OpenNodes<()>,
@@ -307,9 +307,9 @@ impl<'a> PatchRadiance<'a> {
     /// does.
     #[must_use]
     #[inline(always)]
-    pub fn sent<P: Pages>(
+    pub fn sent(
         &self,
-        pages: &P,
+        pages: &SurfelStore,
         hit: &Hit,
         request: PatchRequest,
         open: &mut OpenNodes<()>,
@@ -326,9 +326,9 @@ impl<'a> PatchRadiance<'a> {
     /// Finds what [`Self::cast`] does for each ray of a packet, at most [`MAX_PACKET`], in `ends`.
     /// They share their way to the triangles, and those that are looked up together wait at the
     /// same time for the cache, which is in memory that is far away.
-    pub fn cast_packet<P: Pages>(
+    pub fn cast_packet(
         &self,
-        pages: &P,
+        pages: &SurfelStore,
         rays: &[Ray],
         request: PatchRequest,
         open: &mut OpenNodes<()>,
@@ -380,7 +380,7 @@ impl<'a> PatchRadiance<'a> {
 
     /// Evaluates patches, one after the other along a curve through all their places, and fills the
     /// cache with their radiance.
-    pub fn evaluate_in_order<P: Pages>(&self, pages: &P, unknown: UnknownPatches) {
+    pub fn evaluate_in_order(&self, pages: &SurfelStore, unknown: UnknownPatches) {
         /// Patches that a thread takes at a time: few, so that all threads are at about one place.
         const TOGETHER: usize = 64;
         let middle = |key: &u64| {
@@ -437,7 +437,7 @@ impl<'a> PatchRadiance<'a> {
 
     /// Evaluates a patch and fills the cache with its radiance.
     #[cold]
-    fn fill<P: Pages>(&self, pages: &P, id: &PatchId, open: &mut OpenNodes<()>) -> Rgb {
+    fn fill(&self, pages: &SurfelStore, id: &PatchId, open: &mut OpenNodes<()>) -> Rgb {
         let radiance = self.evaluate(pages, id, open);
         self.cache.insert(self.key(id), radiance)
     }

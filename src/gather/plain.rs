@@ -4,22 +4,21 @@
 use super::cone::{OVERHANG, Scratch};
 use super::crossing::Crossing;
 use crate::math::{Ray, Rgb};
-use crate::tree::Page;
-use crate::tree::Pages;
 use crate::tree::page::{ChildKind, PageLeaves, WIDTH};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
+use crate::tree::{Page, SurfelStore};
 use glam::Vec3;
 use std::ops::ControlFlow;
 
 /// Returns the first disk that a ray meets.
-pub fn cast<P: Pages>(pages: &P, ray: &Ray, scratch: &mut Scratch) -> Option<Crossing> {
-    cast_in_order::<P, true>(pages, ray, scratch)
+pub fn cast(pages: &SurfelStore, ray: &Ray, scratch: &mut Scratch) -> Option<Crossing> {
+    cast_in_order::<true>(pages, ray, scratch)
 }
 
 /// Returns what [`cast`] does, with a choice of order: children by the distance at which the ray
 /// enters them, or as they are stored, to measure what the former is worth.
-pub fn cast_in_order<P: Pages, const NEAR_FIRST: bool>(
-    pages: &P,
+pub fn cast_in_order<const NEAR_FIRST: bool>(
+    pages: &SurfelStore,
     ray: &Ray,
     scratch: &mut Scratch,
 ) -> Option<Crossing> {
@@ -55,12 +54,7 @@ impl<const NEAR_FIRST: bool> Query for PlainQuery<NEAR_FIRST> {
         *entry > self.t_end()
     }
 
-    fn visit<G: Page>(
-        &mut self,
-        node: &Visited<'_, G>,
-        _: &f32,
-        open: &mut OpenNodes<f32>,
-    ) -> ControlFlow<()> {
+    fn visit(&mut self, node: &Visited<'_>, _: &f32, open: &mut OpenNodes<f32>) -> ControlFlow<()> {
         let mut met = [(0.0, 0); WIDTH];
         let mut count = 0;
         let used = (0..WIDTH).filter(|&k| node.children.kind[k] != ChildKind::None);
@@ -86,7 +80,7 @@ impl<const NEAR_FIRST: bool> Query for PlainQuery<NEAR_FIRST> {
         ControlFlow::Continue(())
     }
 
-    fn visit_leaf(&mut self, page: &impl Page, block: u32) {
+    fn visit_leaf(&mut self, page: &Page<'_>, block: u32) {
         meet_leaf(page.leaves(), block, &self.ray, &mut self.nearest);
     }
 }

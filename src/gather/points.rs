@@ -4,7 +4,7 @@ use super::dispatch::{TreeTask, with_tree};
 use super::{Gathered, Gatherer, Medium, RayKernel, RaySettings, SampleRange};
 use crate::Result;
 use crate::math::{Environment, Rgb};
-use crate::tree::{OpenTree, Pages};
+use crate::tree::{OpenTree, SurfelStore};
 use glam::Vec3;
 
 /// How a [`PointGatherer`] gathers.
@@ -127,7 +127,7 @@ struct PointGather {
 impl TreeTask for PointGather {
     type Output = Result<Gathered>;
 
-    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<Gathered> {
+    fn run<M: Medium>(self, pages: &SurfelStore, media: M) -> Result<Gathered> {
         let gatherer = Gatherer {
             pages,
             media,

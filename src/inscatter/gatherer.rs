@@ -1,4 +1,4 @@
-//! What a point inside media asks of a gatherer, for whichever pages and media that was compiled.
+//! What a point inside media asks of a gatherer, for whichever media that was compiled.
 
 use crate::gather::{
     Gathered, Gatherer, Incident, LvoxelBlock, Medium, RaySettings, SampleRange, UnknownPatches,
@@ -6,7 +6,6 @@ use crate::gather::{
 };
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Ray, SeenPhase, Spectrum};
-use crate::tree::Pages;
 use glam::Vec3;
 
 /// Gathers of light inside media.
@@ -62,7 +61,7 @@ pub trait GatherInMedia: Sync {
     fn pass(&self, ray: &Ray, light: &mut Composite<Self::Share>) -> u64;
 }
 
-impl<P: Pages, M: Medium> GatherInMedia for Gatherer<'_, P, M> {
+impl<M: Medium> GatherInMedia for Gatherer<'_, M> {
     type Share = M::Share;
 
     fn settings(&self) -> &RaySettings<'_> {

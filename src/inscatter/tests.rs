@@ -15,48 +15,22 @@ use crate::math::{Hit, Ray, Rgb, sampling};
 use crate::run::{Cancel, Job};
 use crate::scene::{Film, Grid, Scene, Volume};
 use crate::trace::Tracer;
-use crate::tree::Page;
-use crate::tree::page::{PageLeaves, PageNodes};
-use crate::tree::{Media, Pages};
+use crate::tree::{Media, OpenTree};
 use crate::view::{View, VisibleMedia};
 use glam::{DAffine3, DVec3, Vec3};
 use lvox_formats::record::{Lvoxel, VolumeInfo};
+use lvox_formats::{Overwrite, Sums, TreeMeta, TreeWriter};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A tree without surfels.
-struct NoPages;
-
-#[derive(Default)]
-struct NoPage {
-    nodes: PageNodes,
-    leaves: PageLeaves,
-}
-
-impl Page for NoPage {
-    fn nodes(&self) -> &PageNodes {
-        &self.nodes
-    }
-
-    fn leaves(&self) -> &PageLeaves {
-        &self.leaves
-    }
-}
-
-impl Pages for NoPages {
-    type Page<'a> = NoPage;
-
-    fn root(&self) -> Option<u32> {
-        None
-    }
-
-    fn page(&self, _: u32) -> NoPage {
-        NoPage::default()
-    }
-
-    fn check(&self) -> crate::Result<()> {
-        Ok(())
-    }
+/// Opens a tree without surfels, with the folder that it is in.
+fn tree_without_surfels() -> (tempfile::TempDir, OpenTree) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("empty.lvt");
+    let writer = TreeWriter::create(&path, TreeMeta::default(), Overwrite::Refuse).unwrap();
+    writer.finish(None, Sums::default(), vec![]).unwrap();
+    let tree = OpenTree::open(&path, None).unwrap();
+    (dir, tree)
 }
 
 /// Black surfaces at some distance from wherever rays begin, which is noted.
@@ -145,7 +119,7 @@ fn haze(sigma_t: f32) -> Scene {
 fn with_haze<M: Medium<Share = f32>, T>(
     around: &Shell,
     media: M,
-    run: impl FnOnce(&View, &Lights, &Gatherer<NoPages, M>) -> T,
+    run: impl FnOnce(&View, &Lights, &Gatherer<M>) -> T,
 ) -> T {
     with(&haze(0.02), around, media, run)
 }
@@ -155,13 +129,14 @@ fn with<M: Medium, T>(
     scene: &Scene,
     around: &Shell,
     media: M,
-    run: impl for<'a> FnOnce(&View, &Lights<'a, SceneMedia<'a, M::Share>>, &Gatherer<NoPages, M>) -> T,
+    run: impl for<'a> FnOnce(&View, &Lights<'a, SceneMedia<'a, M::Share>>, &Gatherer<M>) -> T,
 ) -> T {
     let tracer = Tracer::new(scene);
     let view = View::new(&tracer, scene.camera(None).unwrap(), scene.film, 5);
     let outgoing = PatchRadiance::new(around, 0.0, 0).unwrap();
+    let (_dir, tree) = tree_without_surfels();
     let gatherer = Gatherer {
-        pages: &NoPages,
+        pages: &tree.surfels,
         media,
         settings: gather::RaySettings {
             samples: 8,
@@ -179,9 +154,9 @@ fn in_scatter<'a, M: Medium<Share = f32>>(
     view: &View<'a>,
     regions: &[Region],
     lights: &'a Lights<'a>,
-    gatherer: &'a Gatherer<'a, NoPages, M>,
+    gatherer: &'a Gatherer<'a, M>,
     job: &Job,
-) -> crate::Result<InScatter<'a, Gatherer<'a, NoPages, M>>> {
+) -> crate::Result<InScatter<'a, Gatherer<'a, M>>> {
     let light = MediaLights {
         lights,
         gatherer: Some(gatherer),

@@ -14,7 +14,7 @@ use crate::gather::{
 use crate::math::{Environment, Rgb, sampling};
 use crate::run::Job;
 use crate::trace::Tracer;
-use crate::tree::{OpenTree, Pages};
+use crate::tree::{OpenTree, SurfelStore};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -112,7 +112,7 @@ impl TreeTask for GatherTask<'_, '_> {
     /// Points whose light is not finite.
     type Output = Result<u64>;
 
-    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Result<u64> {
+    fn run<M: Medium>(self, pages: &SurfelStore, media: M) -> Result<u64> {
         let Self {
             gathers,
             tree,
@@ -161,9 +161,9 @@ impl TreeTask for GatherTask<'_, '_> {
 
 impl Gathers<'_> {
     /// What is around each of some points.
-    fn gather<P: Pages, M: Medium>(
+    fn gather<M: Medium>(
         &self,
-        gatherer: &Gatherer<P, M>,
+        gatherer: &Gatherer<M>,
         receivers: &[Receiver],
         order: &DirectionOrder,
     ) -> Result<Vec<Around>> {

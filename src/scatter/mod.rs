@@ -14,7 +14,7 @@ use crate::light::{Lights, SceneMedia, SoftShadowMedia};
 use crate::run::{Budget, Job};
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use crate::tree::{OpenTree, Pages};
+use crate::tree::{OpenTree, SurfelStore};
 use crate::view::{self, View, VisibleMedia};
 use crate::{Error, Result};
 use lvox_formats::{Overwrite, Scatter, ScatterMeta, ScatterSummary, ScatterWriter};
@@ -179,7 +179,7 @@ impl TreeTask for Lighting<'_> {
     /// By volume.
     type Output = Result<Vec<VolumeLight>>;
 
-    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Self::Output {
+    fn run<M: Medium>(self, pages: &SurfelStore, media: M) -> Self::Output {
         let Self {
             scene,
             tree,

@@ -16,7 +16,7 @@ use crate::math::{Environment, Rgb};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use crate::tree::{OpenTree, Pages};
+use crate::tree::{OpenTree, SurfelStore};
 use crate::view::{self, View, VisibleMedia};
 use rayon::prelude::*;
 
@@ -110,7 +110,7 @@ pub fn with_frame<W: FrameWork>(
     done
 }
 
-/// Work for a request, compiled for each kind of pages and media.
+/// Work for a request, compiled for each kind of media.
 struct FrameTask<'a, W> {
     request: &'a Request<'a>,
     work: &'a W,
@@ -119,7 +119,7 @@ struct FrameTask<'a, W> {
 impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
     type Output = Result<(W::Output, FrameCounts)>;
 
-    fn run<P: Pages, M: Medium>(self, pages: &P, media: M) -> Self::Output {
+    fn run<M: Medium>(self, pages: &SurfelStore, media: M) -> Self::Output {
         let Self { request, work } = self;
         let &Request {
             scene,

@@ -31,4 +31,4 @@ pub use decoder::PageStats;
 pub(crate) use evenness::{MISLEADING_DIFFERENCE, is_even};
 pub(crate) use media::{IncidentGrid, LvoxelBlock, Media};
 pub use open_tree::OpenTree;
-pub(crate) use pages::{Page, Pages, SurfelStore};
+pub(crate) use pages::{Page, SurfelStore};

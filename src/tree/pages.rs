@@ -14,37 +14,35 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::sync::{Arc, OnceLock};
 
-/// A page in use.
-pub trait Page {
-    /// Returns the nodes of the page.
-    fn nodes(&self) -> &PageNodes;
-
-    /// Returns the leaves of the page. Leaves that cannot be read are given as none.
-    fn leaves(&self) -> &PageLeaves;
+/// A page while it is used.
+#[derive(Debug)]
+pub enum Page<'a> {
+    /// That stays in memory.
+    Resident(ResidentPage<'a>),
+    /// That lives in a cache.
+    Cached(CachedPage<'a>),
 }
 
-/// Gives pages to the kernels.
-pub trait Pages: Sync {
-    /// Whether a page may have to be decoded again when it is next asked for, so that it pays to
-    /// ask in an order in which those near each other follow one another.
-    const ARE_CACHED: bool = false;
+impl Page<'_> {
+    /// Returns the nodes of the page.
+    #[inline]
+    #[must_use]
+    pub fn nodes(&self) -> &PageNodes {
+        match self {
+            Self::Resident(page) => page.nodes,
+            Self::Cached(page) => &page.nodes,
+        }
+    }
 
-    /// A page while it is used.
-    type Page<'a>: Page
-    where
-        Self: 'a;
-
-    /// Returns the page at which every query starts; `None` for a tree without surfels.
-    fn root(&self) -> Option<u32>;
-
-    /// Returns a page. One that cannot be read is given as empty; [`Pages::check`] then tells.
-    fn page(&self, id: u32) -> Self::Page<'_>;
-
-    /// Returns an error if any page could not be read so far.
-    ///
-    /// # Errors
-    /// A page with a wrong checksum or content.
-    fn check(&self) -> Result<()>;
+    /// Returns the leaves of the page. Leaves that cannot be read are given as none.
+    #[inline]
+    #[must_use]
+    pub fn leaves(&self) -> &PageLeaves {
+        match self {
+            Self::Resident(page) => page.leaves(),
+            Self::Cached(page) => page.leaves(),
+        }
+    }
 }
 
 /// A tree whose pages stay in memory once decoded; leaves are decoded when they are first asked
@@ -68,25 +66,14 @@ pub struct ResidentPage<'a> {
     leaves: &'a OnceLock<PageLeaves>,
 }
 
-impl Page for ResidentPage<'_> {
+impl<'a> ResidentPage<'a> {
     #[inline]
-    fn nodes(&self) -> &PageNodes {
-        self.nodes
-    }
-
-    #[inline]
-    fn leaves(&self) -> &PageLeaves {
+    fn leaves(&self) -> &'a PageLeaves {
         self.leaves.get_or_init(|| self.decoder.leaves(self.id))
     }
 }
 
-impl Pages for ResidentTree {
-    type Page<'a> = ResidentPage<'a>;
-
-    fn root(&self) -> Option<u32> {
-        self.decoder.tree.root_page()
-    }
-
+impl ResidentTree {
     #[inline]
     fn page(&self, id: u32) -> ResidentPage<'_> {
         let decode = || Box::new((self.decoder.nodes(id), OnceLock::new()));
@@ -97,10 +84,6 @@ impl Pages for ResidentTree {
             nodes,
             leaves,
         }
-    }
-
-    fn check(&self) -> Result<()> {
-        self.decoder.check()
     }
 }
 
@@ -139,12 +122,7 @@ pub struct CachedPage<'a> {
     leaves: OnceCell<Arc<PageLeaves>>,
 }
 
-impl Page for CachedPage<'_> {
-    #[inline]
-    fn nodes(&self) -> &PageNodes {
-        &self.nodes
-    }
-
+impl CachedPage<'_> {
     fn leaves(&self) -> &PageLeaves {
         self.leaves.get_or_init(|| self.tree.leaves(self.id))
     }
@@ -180,23 +158,6 @@ impl CachedTree {
         part.unwrap_or_else(|never| match never {})
     }
 
-    fn leaves(&self, id: u32) -> Arc<PageLeaves> {
-        match self.part(PartKey::Leaves(id)) {
-            Part::Leaves(leaves) => leaves,
-            Part::Nodes(_) => Arc::default(),
-        }
-    }
-}
-
-impl Pages for CachedTree {
-    const ARE_CACHED: bool = true;
-
-    type Page<'a> = CachedPage<'a>;
-
-    fn root(&self) -> Option<u32> {
-        self.decoder.tree.root_page()
-    }
-
     fn page(&self, id: u32) -> CachedPage<'_> {
         CachedPage {
             tree: self,
@@ -209,8 +170,11 @@ impl Pages for CachedTree {
         }
     }
 
-    fn check(&self) -> Result<()> {
-        self.decoder.check()
+    fn leaves(&self, id: u32) -> Arc<PageLeaves> {
+        match self.part(PartKey::Leaves(id)) {
+            Part::Leaves(leaves) => leaves,
+            Part::Nodes(_) => Arc::default(),
+        }
     }
 }
 
@@ -224,6 +188,34 @@ pub enum SurfelStore {
 }
 
 impl SurfelStore {
+    /// Returns the page at which every query starts; `None` for a tree without surfels.
+    pub fn root(&self) -> Option<u32> {
+        self.file().root_page()
+    }
+
+    /// Returns a page. One that cannot be read is given as empty; [`Self::check`] then tells.
+    #[inline]
+    pub fn page(&self, id: u32) -> Page<'_> {
+        match self {
+            Self::Resident(tree) => Page::Resident(tree.page(id)),
+            Self::Cached(tree) => Page::Cached(tree.page(id)),
+        }
+    }
+
+    /// Whether a page may have to be decoded again when it is next asked for, so that it pays to
+    /// ask in an order in which those near each other follow one another.
+    pub fn are_cached(&self) -> bool {
+        matches!(self, Self::Cached(_))
+    }
+
+    /// Returns an error if any page could not be read so far.
+    ///
+    /// # Errors
+    /// A page with a wrong checksum or content.
+    pub fn check(&self) -> Result<()> {
+        self.decoder().check()
+    }
+
     /// Opens the pages of a tree file. With a memory limit that they might pass once decoded,
     /// beside `other_bytes` of other data, they are cached within it, and the pages of the file are
     /// given back as soon as they are decoded.
@@ -317,18 +309,22 @@ impl SurfelStore {
 
     /// The tree file.
     pub(super) fn file(&self) -> &Tree<MappedFile> {
+        &self.decoder().tree
+    }
+
+    fn decoder(&self) -> &Decoder {
         match self {
-            Self::Resident(t) => &t.decoder.tree,
-            Self::Cached(t) => &t.decoder.tree,
+            Self::Resident(t) => &t.decoder,
+            Self::Cached(t) => &t.decoder,
         }
     }
 
     /// Counts of the pages used so far.
     pub(super) fn stats(&self) -> PageStats {
+        let decoded = self.decoder().stats();
         match self {
-            Self::Resident(t) => t.decoder.stats(),
+            Self::Resident(_) => decoded,
             Self::Cached(t) => {
-                let decoded = t.decoder.stats();
                 PageStats {
                     hits: t.cache.hits(),
                     // The cache counts those twice that it was told what to hold for.

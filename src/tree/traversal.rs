@@ -1,7 +1,7 @@
 //! The way of a query through the nodes of a tree, from the root down, page by page.
 
 use super::page::{ChildKind, WideNode};
-use super::pages::{Page, Pages};
+use super::pages::{Page, SurfelStore};
 use std::ops::ControlFlow;
 
 /// A node that is still to be visited, and what the query knows of it.
@@ -29,7 +29,7 @@ impl<T> Default for OpenNodes<T> {
 impl<T> OpenNodes<T> {
     /// Opens a child of a node; nothing happens for a leaf or an empty slot.
     #[inline(always)]
-    pub fn open(&mut self, node: &Visited<'_, impl Page>, child: usize, state: T) {
+    pub fn open(&mut self, node: &Visited<'_>, child: usize, state: T) {
         let below = node.children.child[child];
         let (page, node) = match node.children.kind[child] {
             ChildKind::Inner => (node.page_id, below),
@@ -41,7 +41,7 @@ impl<T> OpenNodes<T> {
 
     /// Opens a child of a node that is a leaf, for queries that open leaves.
     #[inline(always)]
-    pub fn open_leaf(&mut self, node: &Visited<'_, impl Page>, child: usize, state: T) {
+    pub fn open_leaf(&mut self, node: &Visited<'_>, child: usize, state: T) {
         self.0.push(OpenNode {
             page: node.page_id,
             node: LEAF | node.children.child[child],
@@ -66,9 +66,9 @@ impl<T> OpenNodes<T> {
 
 /// A node of the tree while it is visited.
 #[derive(Debug)]
-pub struct Visited<'a, G> {
+pub struct Visited<'a> {
     /// The page that it is in.
-    pub page: &'a G,
+    pub page: &'a Page<'a>,
     /// Its children.
     pub children: &'a WideNode,
     page_id: u32,
@@ -89,22 +89,22 @@ pub trait Query {
     }
 
     /// Looks at the children of a node, and opens some: the one opened last is visited first.
-    fn visit<G: Page>(
+    fn visit(
         &mut self,
-        node: &Visited<'_, G>,
+        node: &Visited<'_>,
         state: &Self::State,
         open: &mut OpenNodes<Self::State>,
     ) -> ControlFlow<()>;
 
     /// Looks at a leaf that was opened, a block of disks of a page.
-    fn visit_leaf(&mut self, _: &impl Page, _block: u32) {}
+    fn visit_leaf(&mut self, _: &Page<'_>, _block: u32) {}
 }
 
 /// Leads a query through a tree, from the root on, until it breaks or no node is open. `open` is
 /// a buffer. Nodes that cannot be read are left out.
 #[inline(always)]
-pub fn traverse<P: Pages, Q: Query>(
-    pages: &P,
+pub fn traverse<Q: Query>(
+    pages: &SurfelStore,
     query: &mut Q,
     first: Q::State,
     open: &mut OpenNodes<Q::State>,

@@ -10,7 +10,7 @@ use lvox::internals::gather::{
     Crossing, Gatherer, Medium, NoMedia, PatchRadiance, PatchRequest, RayKernel, RaySettings,
     SampleRange, SurfacePoint,
 };
-use lvox::internals::tree::{self, Media, Page, Pages, SurfelStore};
+use lvox::internals::tree::{self, Media, SurfelStore};
 use lvox::internals::{Composite, Environment, MAX_PACKET, Scratch, Tracer, plain, r2, sphere};
 use lvox::run::Job;
 use lvox::tree::OpenTree;
@@ -100,10 +100,9 @@ fn tree(surfels: &[Surfel]) -> (tempfile::TempDir, PathBuf) {
 }
 
 /// The surfels of a tree that was opened without a limit.
-fn pages(store: &OpenTree) -> &impl Pages {
-    let SurfelStore::Resident(pages) = tree::surfels(store) else {
-        panic!("a limit without being asked")
-    };
+fn pages(store: &OpenTree) -> &SurfelStore {
+    let pages = tree::surfels(store);
+    assert!(!pages.are_cached(), "a limit without being asked");
     pages
 }
 
@@ -164,11 +163,8 @@ fn the_plain_kernel_sees_the_same_in_any_order() {
     for (origin, direction) in receivers(10_000) {
         let far = f32::INFINITY;
         let near_first = plain::cast(pages, &Ray::new(origin, direction, far), &mut scratch);
-        let as_stored = plain::cast_in_order::<_, false>(
-            pages,
-            &Ray::new(origin, direction, far),
-            &mut scratch,
-        );
+        let as_stored =
+            plain::cast_in_order::<false>(pages, &Ray::new(origin, direction, far), &mut scratch);
         other += usize::from(near_first.map(|c| c.t) != as_stored.map(|c| c.t));
         met += usize::from(near_first.is_some());
     }
@@ -545,7 +541,7 @@ fn trees_are_held_whole_only_if_the_memory_limit_allows_it() {
             })
             .sum();
         let is_kept = |limit: usize| match OpenTree::open(&path, Some(limit as u64)) {
-            Ok(store) => matches!(tree::surfels(&store), SurfelStore::Resident(_)),
+            Ok(store) => !tree::surfels(&store).are_cached(),
             Err(_) => false,
         };
         assert!(!is_kept(held - 1), "{held}");

@@ -8,7 +8,7 @@ use lvox::formats::{
     TreeMeta, TreeWriter,
 };
 use lvox::inspect::export_ply;
-use lvox::internals::tree::{self, Pages, SurfelStore};
+use lvox::internals::tree::{self, SurfelStore};
 use lvox::internals::{Scratch, cone, plain};
 use lvox::tree::OpenTree;
 
@@ -70,7 +70,7 @@ fn links(to: &[u32]) -> SurfelPage {
 
 /// Whether two rays meet anything by both kernels, one through the disk and one beside it, and what
 /// is then said of the pages.
-fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
+fn cast(pages: &SurfelStore) -> (Vec<bool>, lvox::Result<()>) {
     let mut scratch = Scratch::default();
     let mut met = Vec::new();
     for x in [0.05, 0.5] {
@@ -84,10 +84,7 @@ fn cast<P: Pages>(pages: &P) -> (Vec<bool>, lvox::Result<()>) {
 }
 
 fn cast_in(store: &OpenTree) -> (Vec<bool>, lvox::Result<()>) {
-    match tree::surfels(store) {
-        SurfelStore::Resident(pages) => cast(pages),
-        SurfelStore::Cached(pages) => cast(pages),
-    }
+    cast(tree::surfels(store))
 }
 
 #[test]
@@ -100,7 +97,7 @@ fn a_tree_in_which_a_page_is_linked_twice_is_refused() {
     let crossed: Vec<_> = [leaf(), links(&[0])].into_iter().chain(crossed).collect();
     for pages in [eightfold, crossed] {
         let (dir, stores) = stores(&pages, Some(1 << 16));
-        assert!(matches!(tree::surfels(&stores[1]), SurfelStore::Cached(_)));
+        assert!(tree::surfels(&stores[1]).are_cached());
         for store in &stores {
             let error = cast_in(store).1.unwrap_err();
             assert_eq!(error.kind(), lvox::Kind::Input);

@@ -5,7 +5,7 @@ use crate::{ROOM, Work};
 use lvox::build;
 use lvox::formats::Overwrite;
 use lvox::image::Region;
-use lvox::internals::tree::{self, Page, Pages, SurfelStore};
+use lvox::internals::tree;
 use lvox::run::Job;
 use lvox::shade::{self, Settings};
 use lvox::tree::{OpenTree, PageStats};
@@ -14,9 +14,8 @@ use std::path::Path;
 
 /// Bytes of all pages of a tree once they are decoded.
 fn decoded_bytes(store: &OpenTree) -> usize {
-    let SurfelStore::Resident(pages) = tree::surfels(store) else {
-        panic!("not resident");
-    };
+    let pages = tree::surfels(store);
+    assert!(!pages.are_cached());
     let bytes = |id| {
         let page = pages.page(id);
         page.nodes().bytes() + page.leaves().bytes()
@@ -64,7 +63,7 @@ fn a_cache_of_a_twentieth_of_the_tree_decodes_each_page_few_times() {
     let once = resident.stats();
     let limit = tree::media(&resident).bytes() + decoded_bytes(&resident) / 20;
     let cached = OpenTree::open(&path, Some(limit as u64)).unwrap();
-    assert!(matches!(tree::surfels(&cached), SurfelStore::Cached(_)));
+    assert!(tree::surfels(&cached).are_cached());
     assert!(shaded(&cached) == whole);
     let stats = cached.stats();
     let decoded = |stats: PageStats| (stats.decoded + stats.decoded_leaves) as f64;

@@ -3,7 +3,7 @@
 use super::row::Row;
 use super::transmittance::{brief, emitter_behind};
 use super::workbench::{
-    Workbench, add_quad, add_room, gatherer, kept, mean, media, pixels, relative_rms, stage, volume,
+    Workbench, add_quad, add_room, gatherer, mean, media, pixels, relative_rms, stage, volume,
 };
 use super::{Effort, random};
 use crate::Result;
@@ -17,7 +17,7 @@ use crate::math::sampling::sphere;
 use crate::scene::{Grid, Light, Scene};
 use crate::shade;
 use crate::trace::Tracer;
-use crate::tree::{OpenTree, Pages};
+use crate::tree::OpenTree;
 use glam::{DAffine3, DVec3, Vec3};
 use std::f32::consts::PI;
 
@@ -254,7 +254,7 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
     // Near by, one ray looks at every disk; far away none of them is looked at.
     for (cut, d) in [(0.0, 1.0_f32), (0.01, 1.0), (0.01, 100.0)] {
         let origin = Vec3::from(one.position) + Vec3::Y * d;
-        let seen = gatherer(&store, NoMedia, 1, cut)?
+        let seen = gatherer(&store, NoMedia, 1, cut)
             .incident(&Ray::endless(origin, -Vec3::Y), &mut Scratch::default());
         let at = format!("{at}, d / R {d}, nodes below {cut} sr whole");
         let case = "surfels on one spot: distance to them";
@@ -279,7 +279,7 @@ fn crowd(bench: &Workbench, effort: Effort, rows: &mut Vec<Row>) -> Result<()> {
 
 /// Area of the root's aggregate.
 fn root_area(store: &OpenTree) -> Result<f64> {
-    let Some(root) = kept(store)?.root() else {
+    let Some(root) = store.surfels.root() else {
         return Ok(0.0);
     };
     let page = store.tree().surfel_page(root as usize)?;
@@ -364,7 +364,7 @@ fn radii(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         (log_sum(&surfels) - log_sum(&decoded)).abs() / COUNT as f64,
         5e-4,
     ));
-    let gatherer = gatherer(&store, NoMedia, 1, 0.0)?;
+    let gatherer = gatherer(&store, NoMedia, 1, 0.0);
     let mut scratch = Scratch::default();
     let mut off = 0;
     for i in 0..500 {

@@ -280,7 +280,7 @@ fn disks(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     };
     let store = bench.tree_of(meta, [disk(1.0)], &[])?;
     for (name, kernel) in KERNELS {
-        let mut gatherer = gatherer(&store, NoMedia, SAMPLES, 0.0)?;
+        let mut gatherer = gatherer(&store, NoMedia, SAMPLES, 0.0);
         gatherer.settings.kernel = kernel;
         for d in [1e-3_f64, 0.1, 1.0, 10.0] {
             let expected = 1.0 / (1.0 + d * d);
@@ -342,7 +342,7 @@ fn tiled(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     });
     let store = bench.tree_of(meta, plate, &[])?;
     for cut in [0.0, 0.01, 0.04] {
-        let gatherer = gatherer(&store, NoMedia, 65_536, cut)?;
+        let gatherer = gatherer(&store, NoMedia, 65_536, cut);
         // Disks reach over the plate's border by up to 1 % of its edge.
         for h in [0.05_f64, 0.5, 2.0] {
             let point = Vec3::new(0.0, h as f32, 0.0);

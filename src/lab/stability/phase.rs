@@ -131,7 +131,7 @@ fn slab(bench: &Workbench, tau: f64, phase: PhaseFunction) -> Result<[f64; 2]> {
     });
     let store = bench.bounced(&scene, bench.tree(&scene, 16)?)?;
     let media = media(&store)?;
-    let gatherer = gatherer(&store, &media, 4096, 0.0)?;
+    let gatherer = gatherer(&store, &media, 4096, 0.0);
     let away = 0.5 * size.y as f32 + 0.01;
     let beside = |y: f32| {
         irradiance(
@@ -249,7 +249,7 @@ fn above(
     let scene = slab_in_the_sun(tau, phase);
     let store = bench.tree(&scene, 16)?;
     let media = media(&store)?;
-    let gatherer = gatherer(&store, &media, 4096, 0.0)?;
+    let gatherer = gatherer(&store, &media, 4096, 0.0);
     let point = Vec3::new(0.013, 0.5 + HEIGHT, 0.021);
     // Lvoxels know of a lobe by its mean cosine alone.
     let known = PhaseFunction::henyey_greenstein(phase.moment(1));

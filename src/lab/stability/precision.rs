@@ -135,7 +135,7 @@ fn compare_disks(
     for page in 0..tree.surfel_pages() {
         all.extend(tree.surfel_page(page)?.surfels);
     }
-    let gatherer = gatherer(store, NoMedia, 1, 0.0)?;
+    let gatherer = gatherer(store, NoMedia, 1, 0.0);
     // Difference of distance, and whether the same disk was met.
     let met: Vec<(f64, bool)> = rays
         .par_iter()

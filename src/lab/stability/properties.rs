@@ -52,7 +52,7 @@ fn radiance(scene: &Scene, store: &OpenTree, rows: &mut Vec<Row>) -> Result<()> 
     }
     let media = media(store)?;
     for cut in [0.0, 0.01, 0.5] {
-        let gatherer = gatherer(store, &media, 1, cut)?;
+        let gatherer = gatherer(store, &media, 1, cut);
         let mut scratch = Scratch::default();
         let (mut wrong, mut most) = (0, 0.0_f32);
         for i in 0..RAYS {
@@ -302,7 +302,7 @@ fn reciprocity(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
                 ..CloudMeta::default()
             };
             let store = bench.tree_of(meta, [*to], &[])?;
-            let gatherer = gatherer(&store, NoMedia, 1, 0.0)?;
+            let gatherer = gatherer(&store, NoMedia, 1, 0.0);
             let n = Vec3::from(from.normal);
             let (x, y) = tangents(n);
             let mut scratch = Scratch::default();

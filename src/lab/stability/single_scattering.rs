@@ -85,7 +85,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         let scene = slab_in_the_sun(tau, PhaseFunction::ISOTROPIC);
         let store = bench.tree(&scene, 16)?;
         let media = media(&store)?;
-        let gatherer = gatherer(&store, &media, 4096, 0.0)?;
+        let gatherer = gatherer(&store, &media, 4096, 0.0);
         let at_height = |y: f32, normal: Vec3| {
             let point = Vec3::new(0.013, y, 0.021);
             irradiance(&gatherer, point, normal, 1)

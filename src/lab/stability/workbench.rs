@@ -8,8 +8,7 @@ use crate::math::{Environment, Rgb};
 use crate::run::{Cancel, Job};
 use crate::scene::{Camera, Film, Grid, Material, Scene, Volume};
 use crate::shade::{self, Settings};
-use crate::tree::pages::ResidentTree;
-use crate::tree::{Media, OpenTree, SurfelStore};
+use crate::tree::{Media, OpenTree};
 use crate::{Error, Result, bounce, build};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 use std::cell::Cell;
@@ -169,24 +168,10 @@ pub fn media_with_source(store: &OpenTree, source: [f32; 3]) -> Result<Media> {
     Ok(Media::new(&store.tree().meta().cloud.volumes, lvoxels))
 }
 
-/// The surfels of a tree that was opened without a limit.
-pub fn kept(store: &OpenTree) -> Result<&ResidentTree> {
-    match &store.surfels {
-        SurfelStore::Resident(pages) => Ok(pages),
-        SurfelStore::Cached(_) => Err(Error::failed("a tree was opened with a limit of memory")),
-    }
-}
-
-/// The surfels of a tree that was opened without a limit, ready to gather; nodes below `cut`
-/// steradians are taken whole.
-pub fn gatherer<M: Medium>(
-    store: &OpenTree,
-    media: M,
-    samples: u32,
-    cut: f32,
-) -> Result<Gatherer<'_, ResidentTree, M>> {
-    Ok(Gatherer {
-        pages: kept(store)?,
+/// The surfels of a tree, ready to gather; nodes below `cut` steradians are taken whole.
+pub fn gatherer<M: Medium>(store: &OpenTree, media: M, samples: u32, cut: f32) -> Gatherer<'_, M> {
+    Gatherer {
+        pages: &store.surfels,
         media,
         settings: gather::RaySettings {
             samples,
@@ -196,12 +181,12 @@ pub fn gatherer<M: Medium>(
             environment: Environment::even(Rgb::BLACK),
             leave_out_bright: false,
         },
-    })
+    }
 }
 
 /// Irradiance, in the first channel, that a flat surface gathers.
 pub fn irradiance<M: Medium>(
-    gatherer: &Gatherer<'_, ResidentTree, M>,
+    gatherer: &Gatherer<'_, M>,
     point: Vec3,
     normal: Vec3,
     seed: u64,

@@ -87,7 +87,7 @@ impl PassedMedia for Vacuum {
     }
 }
 
-/// Media before a camera ray, marched by code for whichever pages and media there are.
+/// Media before a camera ray, marched by code for whichever media there are.
 pub struct ScatteringMedia<'a, K>(pub &'a (dyn March<K> + 'a));
 
 /// Marches of camera rays through media.

@@ -7,10 +7,9 @@ use crate::gather::{
 };
 use crate::math::SphereMap;
 use crate::trace::Surface;
-use crate::tree::Pages;
 use crate::view::View;
 
-/// Gathers of surfaces, whatever pages and media they are compiled for: a call is for many rays.
+/// Gathers of surfaces, whatever media they are compiled for: a call is for many rays.
 pub trait GatherAtSurfaces: Sync {
     /// Camera and scene.
     fn view(&self) -> &View<'_>;
@@ -58,16 +57,16 @@ pub trait GatherAtSurfaces: Sync {
 
 /// A gatherer and what its rays leave out.
 #[derive(Debug)]
-pub struct SurfaceGatherer<'a, P, M> {
+pub struct SurfaceGatherer<'a, M> {
     /// Camera and scene.
     pub view: &'a View<'a>,
     /// Over the hemisphere.
-    pub gatherer: Gatherer<'a, P, M>,
+    pub gatherer: Gatherer<'a, M>,
     /// Patches that the gatherer's rays leave out.
     pub bright_patches: Option<&'a BrightPatchLights<'a>>,
 }
 
-impl<P: Pages, M: Medium> GatherAtSurfaces for SurfaceGatherer<'_, P, M> {
+impl<M: Medium> GatherAtSurfaces for SurfaceGatherer<'_, M> {
     fn view(&self) -> &View<'_> {
         self.view
     }
@@ -133,7 +132,7 @@ impl<P: Pages, M: Medium> GatherAtSurfaces for SurfaceGatherer<'_, P, M> {
     }
 }
 
-impl<P, M> SurfaceGatherer<'_, P, M> {
+impl<M> SurfaceGatherer<'_, M> {
     fn point(&self, surface: &Surface, range: u32) -> SurfacePoint {
         SurfacePoint {
             position: self.view.off_surface(surface),

@@ -8,7 +8,7 @@ use crate::light::{Emitter, Lights, SceneMedia, ShadowRays, Vacuum};
 use crate::math::{Rgb, Spectrum, sampling};
 use crate::shade::settings::Settings;
 use crate::trace::Surface;
-use crate::tree::Pages;
+use crate::tree::SurfelStore;
 use crate::view::View;
 use pilot::{BrightHits, PilotGathers};
 
@@ -26,11 +26,11 @@ impl<'a> BrightPatchLights<'a> {
 
     /// Finds the bright patches of a frame, if pilot gathers tell that they send much of its light,
     /// and if there is nothing between surfaces for gathers.
-    pub fn find<P: Pages, K: Spectrum>(
+    pub fn find<K: Spectrum>(
         view: &View,
         lights: &Lights<'a, SceneMedia<'a, K>>,
         tree_patches: &mut PatchRadiance,
-        pages: &P,
+        pages: &SurfelStore,
         settings: &Settings,
     ) -> Option<Self> {
         // Patches that are too far away to be seen would still be asked.

@@ -9,7 +9,7 @@ use crate::gather::{BrightHit, Crossing, PatchRadiance, PatchRequest, UnknownPat
 use crate::math::sampling::{self, cosine_hemisphere, sobol2, tangents};
 use crate::math::{Environment, Hit, Ray};
 use crate::trace::Surface;
-use crate::tree::Pages;
+use crate::tree::SurfelStore;
 use crate::view::View;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -40,20 +40,20 @@ impl BrightHits {
 }
 
 /// Gathers before any other of a frame, and what they ask.
-pub(super) struct PilotGathers<'a, P> {
+pub(super) struct PilotGathers<'a> {
     pub view: &'a View<'a>,
     pub patches: &'a PatchRadiance<'a>,
-    pub pages: &'a P,
+    pub pages: &'a SurfelStore,
     pub environment: Environment<'a>,
     /// A node seen under less than this is taken whole, steradians.
     pub max_solid_angle: f32,
 }
 
-impl<P: Pages> PilotGathers<'_, P> {
+impl PilotGathers<'_> {
     /// What is bright, if that sends much of what pilot gathers see.
     pub fn bright(&self) -> Option<BrightHits> {
         let pilots = || (0..PILOTS_ALONG_AXIS * PILOTS_ALONG_AXIS).into_par_iter();
-        if P::ARE_CACHED {
+        if self.pages.are_cached() {
             let unknown = pilots().map(|pilot| {
                 let rays = self.rays_of(pilot);
                 self.patches.unknown_along(&rays, self.request())
