@@ -17,6 +17,8 @@ const LEVELS: usize = MAX_LEVEL as usize + 1;
 #[derive(Debug)]
 pub struct LvoxelLight<'a> {
     grid: IncidentGrid<'a>,
+    /// Shortest edge of a voxel of the grid, scene units.
+    voxel: f32,
     /// By log2 of the voxels between vertices. With a weight, which is 0 where no lvoxel is near.
     levels: [Vertices<f32x4>; LEVELS],
 }
@@ -28,25 +30,30 @@ impl<'a> LvoxelLight<'a> {
     /// Of the lvoxels of a grid.
     pub fn new(grid: IncidentGrid<'a>) -> Self {
         let dims = grid.dims();
+        let origin = grid.in_index(Vec3::ZERO);
+        let voxels = |axis: Vec3| (grid.in_index(axis) - origin).length();
         Self {
+            voxel: 1.0 / Vec3::AXES.map(voxels).into_iter().fold(0.0, f32::max),
             grid,
             levels: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
         }
     }
 
-    /// Mean over the sphere of the radiance that arrives from lvoxels at a point of the scene.
-    pub fn at(&self, point: Vec3, memo: &mut LvoxelMemo) -> Rgb {
+    /// Mean over the sphere of the radiance that arrives from lvoxels at a point of the scene, and scene
+    /// units between the vertices that it is found between.
+    pub fn at(&self, point: Vec3, memo: &mut LvoxelMemo) -> (Rgb, f32) {
         let p = self.grid.in_index(point);
         let level = self.level(p);
         let around = self.levels[level].around(p);
         let vertex = |v| *self.levels[level].get(v, &|_, v| self.vertex(level, v));
         let values = memo[level].values((), &around, vertex);
         let [r, g, b, weight] = blend(values, &around.weights, |v| *v).to_array();
-        if weight > 0.0 {
+        let light = if weight > 0.0 {
             Rgb([r, g, b]) * (1.0 / weight)
         } else {
             Rgb::BLACK
-        }
+        };
+        (light, self.voxel * (1 << level) as f32)
     }
 
     /// Log2 of the voxels between the vertices around a point: those of its brick, or of one that
@@ -105,14 +112,15 @@ mod tests {
         let light = LvoxelLight::new(media.incident(0).unwrap());
         let mut memo = LvoxelMemo::default();
         for x in [1.0_f32, 1.3, 2.0, 4.9, 6.9] {
-            let Rgb([r, g, b]) = light.at(Vec3::new(x, 3.1, 4.7), &mut memo);
+            let (Rgb([r, g, b]), between) = light.at(Vec3::new(x, 3.1, 4.7), &mut memo);
+            assert_eq!(between, 1.0);
             assert!(
                 (r - x).abs() < 1e-5 && (g - 1.0).abs() < 1e-6 && b == 0.0,
                 "{x} {r} {g} {b}"
             );
         }
         // A point at the rim has the light of what is next to it.
-        let Rgb([r, ..]) = light.at(Vec3::new(8.4, 3.0, 3.0), &mut memo);
+        let (Rgb([r, ..]), _) = light.at(Vec3::new(8.4, 3.0, 3.0), &mut memo);
         assert!((r - 7.5).abs() < 1e-5, "{r}");
     }
 }

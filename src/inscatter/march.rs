@@ -46,7 +46,7 @@ struct CameraRay<'a, 'b, G: GatherInMedia> {
 
 /// Optical depth of cells that are lit as one, at most, where all of it is seen; what is seen by a
 /// share may be deeper.
-const STRETCH_DEPTH: f32 = 0.2;
+const STRETCH_DEPTH: f32 = 0.3;
 /// The most that is lit as one.
 const MAX_STRETCH_DEPTH: f32 = 0.7;
 /// The same at fronts, where each part is lit at points of its own.
@@ -100,7 +100,8 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         let mut open: Option<Stretch> = None;
         let mut most = 0.0;
         let mut marched = 0;
-        cells.each(|cell| {
+        let shows_voxels = |distance| self.shows_voxels(0, distance);
+        cells.each_by_middle(shows_voxels, |cell| {
             marched += 1;
             let seen = camera_ray.passed.transmittance.most();
             if seen < OPAQUE {
@@ -129,7 +130,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 camera_ray.add_stretch(*stretch);
             }
             let least = || self.least_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
-            most = front.unwrap_or_else(least);
+            most = front.unwrap_or_else(|| least().max(camera_ray.memo.evenly_lit()));
             let mut stretch = Stretch {
                 near: cell.near,
                 far: cell.near,

@@ -110,6 +110,7 @@ impl LeastSpacing {
     }
 
     /// That of a brick.
+    #[inline]
     pub fn of(&self, brick: [usize; 3]) -> usize {
         let table = self.0.as_ref();
         table.map_or(0, |table| usize::from(*table.of(brick)))

@@ -18,6 +18,12 @@ fn cloud(voxels: usize) -> Scene {
 
 /// The same with such an extinction where it is densest, and of each channel over that.
 fn colored_cloud(voxels: usize, densest: f32, color: [f32; 3]) -> Scene {
+    let camera = CameraInput::look_at("front", [0.0, 0.3, 4.0], [0.0; 3], [0.0, 1.0, 0.0], 0.7);
+    cloud_before(camera.unwrap(), voxels, densest, color)
+}
+
+/// The same before another camera.
+fn cloud_before(camera: CameraInput, voxels: usize, densest: f32, color: [f32; 3]) -> Scene {
     let density = |v: [usize; 3]| {
         let p = v.map(|i| (i as f32 + 0.5) / voxels as f32 * 2.0 - 1.0);
         let [x, y, z] = p.map(|c| (9.0 * c).sin());
@@ -33,14 +39,13 @@ fn colored_cloud(voxels: usize, densest: f32, color: [f32; 3]) -> Scene {
         place,
     )
     .extinction_color(color);
-    let camera = CameraInput::look_at("front", [0.0, 0.3, 4.0], [0.0; 3], [0.0, 1.0, 0.0], 0.7);
     let film = Film {
         width: 64,
         height: 48,
         exposure: 1.0,
     };
     SceneBuilder::new("a cloud")
-        .camera(camera.unwrap())
+        .camera(camera)
         .film(film)
         .light(LightInput::sun([0.5, -0.7, -0.5], [5.0; 3], 0.0).unwrap())
         .light(LightInput::environment([0.2, 0.3, 0.5]))
@@ -83,6 +88,22 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
     assert!(
         brighter.abs() < 0.01 && difference < 0.03,
         "{brighter} {difference}"
+    );
+}
+
+/// Where voxels are wider than pixels, a camera amid thin parts of a cloud has many of them before it,
+/// and asks for light as often as the vertices ask that light stands at.
+#[test]
+fn rays_amid_a_cloud_are_lit_as_often_as_light_changes() {
+    let amid = CameraInput::look_at("amid", [0.0, 0.1, 0.9], [0.0; 3], [0.0, 1.0, 0.0], 0.3);
+    let scene = cloud_before(amid.unwrap(), 128, 3.0, [1.0; 3]);
+    let work = Work::new("");
+    let tree = OpenTree::open(&work.bake(&scene, 1), None).unwrap();
+    let (_, counts) = shaded(&scene, &tree, Region::full(64, 48));
+    let [cells, segments] = ["media_cells_marched", "media_segments"].map(|name| counts[name]);
+    assert!(
+        segments > 0.0 && 3.0 * segments < 2.0 * cells,
+        "{segments} of {cells}"
     );
 }
 

@@ -16,6 +16,7 @@ mod lattices;
 pub use every_vertex::VolumeLight;
 pub use lattices::MediaLights;
 
+use super::bricks::brick_around;
 use super::counts::{self, Counters, MediaCounts};
 use super::dense;
 use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
@@ -94,6 +95,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Of a lone medium whose voxels no pixel tells, thin cells in so many pixels in a row are lit
     /// as one.
     const STRETCH_PIXELS: f32 = 5.0;
+    /// Pixels along an edge of voxels up to which pixels do not tell what is in which.
+    const TOLD_PIXELS: f32 = 2.0;
     /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many
     /// pixels or a voxel: of what is between them nothing tells.
     const MAX_SHARP_SPACING_PIXELS: f32 = 16.0;
@@ -194,16 +197,18 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     ) -> Rgb {
         let medium = &self.volumes[volume];
         let channels = SeenChannels::new(through, &medium.extinction_color);
-        let voxel = self.lattices[volume].voxel;
+        let lattices = &self.lattices[volume];
+        let voxel = lattices.voxel;
         let [from, to] = ends;
         // Where its light comes from on average: near its front if it is dense.
         let seen_depth = depth * channels.extinction;
         let point = from + (to - from) * mean_reach(seen_depth);
         let at = medium.index_from_scene.transform_point3(point);
-        let densest = self.lattices[volume].densities.at(at) * voxel;
+        let brick = brick_around(at, medium.sigma_t.brick_dims());
+        let densest = lattices.densities.of(brick) * voxel;
         let level = Self::level(densest);
-        let least = self.lattices[volume].least_direct.at(at);
-        let is_made = self.lattices[volume].scattered.is_some();
+        let least = lattices.least_direct.of(brick);
+        let is_made = lattices.scattered.is_some();
         let level = if is_made { level } else { level.max(least) };
         let densest = densest * channels.extinction;
         let segment = RaySegment {
@@ -218,12 +223,17 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             is_thin: densest <= Self::MAX_CELL_DEPTH,
             level,
             finest: least.min(level),
-            finest_indirect: self.lattices[volume].least_indirect.at(at),
+            finest_indirect: lattices.least_indirect.of(brick),
             voxel_depth: seen_depth * voxel / (to - from).length(),
-            front: self.lattices[volume].fronts.at(at),
+            front: lattices.fronts.of(brick),
             seen: self.seen(volume, point),
         };
-        medium.albedo_at(at) * (self.direct(&segment, memo) + self.indirect(&segment, memo))
+        memo.between = [0.0; 2];
+        let light = self.direct(&segment, memo) + self.indirect(&segment, memo);
+        if medium.albedo_grid.is_some() {
+            memo.between = [0.0; 2];
+        }
+        medium.albedo_at(at) * light
     }
 
     fn direct(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
@@ -271,6 +281,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                 });
                 let between = segment.densest * (1 << level) as f32;
                 let is_finest = level == segment.finest || between <= Self::FLAT_DEPTH;
+                memo.between[0] = lattices.voxel * (1 << level) as f32;
                 if is_finest
                     && (between <= Self::FLAT_DEPTH || segment.is_thin && !self.rest_is_exact)
                 {
@@ -294,6 +305,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                 }
             }
         }
+        memo.between[0] = 0.0;
         if segment.densest <= Self::FLAT_DEPTH {
             // Many such cells are in a row, and one point of each tells enough.
             let seed = self.seed_of(segment.point);
@@ -355,6 +367,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
 
     fn indirect(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
         let Some(gatherer) = self.gatherer else {
+            memo.between[1] = f32::INFINITY;
             return Rgb::BLACK;
         };
         let lattices = &self.lattices[segment.volume];
@@ -368,14 +381,17 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let lights = &self.sharp_lights;
             return dense::mean_radiance(self.volumes, lights, gatherer, point, segment.seen, seed);
         }
-        let of_lvoxels = match &lattices.lvoxels {
+        let (of_lvoxels, between) = match &lattices.lvoxels {
             Some(lvoxels) => lvoxels.at(segment.point, &mut memo.lvoxels),
-            None => Rgb::BLACK,
+            None => (Rgb::BLACK, f32::INFINITY),
         };
         if lattices.lvoxels_tell_all {
+            memo.between[1] = between;
             return of_lvoxels;
         }
-        of_lvoxels + self.gathered_between(segment, memo)
+        let gathered = self.gathered_between(segment, memo);
+        memo.between[1] = memo.between[1].min(between);
+        of_lvoxels + gathered
     }
 
     /// Gathered light, interpolated where its vertices allow that.
@@ -429,6 +445,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             };
             let is_close = is_swept && pixels <= swept_pixels
                 || is_finest && pixels <= Self::WIDE_SPACING_PIXELS;
+            memo.between[1] = lattices.voxel * (1 << level) as f32;
             if is_alike || is_close {
                 return rgb(blend(values, &around.weights, |v| *v));
             }
@@ -442,6 +459,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
                 return rgb(blend(cube.last(), &seen.unwrap_or(around.weights), |v| *v));
             }
         }
+        memo.between[1] = 0.0;
         self.gathered(
             segment.volume,
             segment.at,
@@ -489,6 +507,13 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         }
         let pixel = self.view.pixel_angle * point.distance(self.view.camera.origin());
         spacing.max(Self::STRETCH_PIXELS * pixel)
+    }
+
+    /// Whether pixels tell voxels of a volume apart that are so far from the camera.
+    #[inline]
+    pub(super) fn shows_voxels(&self, volume: usize, distance: f32) -> bool {
+        let pixel = self.view.pixel_angle * distance;
+        self.lattices[volume].voxel > Self::TOLD_PIXELS * pixel
     }
 
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
@@ -559,6 +584,18 @@ pub struct RayMemo {
     fronts: CellCache<(usize, usize), SeenFront>,
     /// Of the only volume that has such light.
     lvoxels: LvoxelMemo,
+    /// Scene units between the vertices that light was between last, direct and indirect; 0 where it
+    /// was not between any.
+    between: [f32; 2],
+}
+
+impl RayMemo {
+    /// Scene units of a ray over which light is as good as that in their middle: what vertices are
+    /// apart.
+    pub(super) fn evenly_lit(&self) -> f32 {
+        let [direct, indirect] = self.between;
+        direct.min(indirect)
+    }
 }
 
 /// A segment of a ray in a volume.

@@ -199,6 +199,8 @@ impl Grid {
         let mut means = vec![0.0; nx * ny * nz];
         let layers = means.par_chunks_mut(nx * ny).enumerate();
         layers.for_each(|(k, layer)| {
+            // Memory that is read before it is written to is mapped twice.
+            layer.fill(0.0);
             let first = k * block[2];
             for z in first..first + size(2, k) {
                 self.each_in_layer(z, |x, y, value| {
