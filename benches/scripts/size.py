@@ -224,7 +224,7 @@ KINDS = {
     "terrain": ("Terrain", "triangles", "A height field at 640 x 480, a sun."),
     "surfels": ("Surfels", "surfels",
                 "Scene C (Sponza and a CT bunny) at 512 x 384, from clouds of more and more surfels; `build` within 1 GiB. "
-                "1 G was made beside other work, its tree at commit b28d375."),
+                "1 G was made beside other work on a slower machine, its tree at commit b28d375."),
 }
 
 
