@@ -4,7 +4,7 @@ size.py measure LVOX ASSETS FOLDER [--peer COMMAND | --peer-of EARLIER] [--most 
     runs LVOX on clouds and terrains in ASSETS (cloud_N.vdb and terrain_N.ply, as ../shared/tools/make_big.py makes them) and
     on tests/acceptance/scenes/C.toml with more and more surfels; FOLDER gets sizes.json, in which what is there is not
     measured again. COMMAND gets "cloud" or "terrain", the asset, 4 samples a pixel and a picture's name, and prints
-    "total cpu S, peak M MiB", as ../shared/peers/peer_big.py does with Cycles and OIDN. KIND: cloud, terrain, surfels.
+    "total cpu S, peak M MiB", as ../shared/peers/peer_big.py does with Cycles and OIDN. KIND: cloud, close, terrain, surfels.
     Instead, figures of the peer may be those of an EARLIER folder, of the same machine.
 size.py page FOLDER
     writes docs/size.md and docs/size/*.svg.
@@ -45,6 +45,8 @@ file = "{file}"
 sigma_t_scale = 60
 albedo = [0.99, 0.99, 0.99]
 """
+# The camera is at the edge of the cloud, in its box.
+CLOSE = CLOUD.replace("position = [1, 1, 4]", "position = [1, 1.5, 1.6]").replace("target = [1, 0.62, 1]", "target = [1, 0.6, 0.8]")
 TERRAIN = LIGHT.format(width=640, height=480, position=[0, 3, 7], target=[0, 0, 0], fov=50, direction=[0.5, -0.4, -0.5]) + """
 [[mesh]]
 file = "{file}"
@@ -123,7 +125,7 @@ def measure(lvox, assets, folder, command, earlier, most, only):
         with tempfile.TemporaryDirectory(dir=folder) as work:
             work = Path(work)
             row = {"kind": kind, "size": size, "commit": commit, **stages(lvox, work, toml, surfels)}
-            if kind == "cloud":
+            if kind in ("cloud", "close"):
                 row["error"] = error(lvox, work, toml)
             if command and asset:
                 row["peer"] = peer(command, kind, asset, work)
@@ -133,13 +135,13 @@ def measure(lvox, assets, folder, command, earlier, most, only):
         kept.write_text(json.dumps(rows, indent=1) + "\n")
         print(kind, size, *(f"{stage} {row[stage]['cpu_secs']:.1f}" for stage in ("bake", "build", "shade")), flush=True)
 
-    for kind, text, suffix in (("cloud", CLOUD, "vdb"), ("terrain", TERRAIN, "ply")):
-        found = [(int(p.stem.split("_")[1]), p.resolve()) for p in Path(assets).glob(f"{kind}_*.{suffix}")]
+    for kind, text, files in (("cloud", CLOUD, "cloud_*.vdb"), ("close", CLOSE, "cloud_*.vdb"), ("terrain", TERRAIN, "terrain_*.ply")):
+        found = [(int(p.stem.split("_")[1]), p.resolve()) for p in Path(assets).glob(files)]
         for number, asset in sorted(found) if kind in only else ():
             with tempfile.NamedTemporaryFile("w", suffix=".toml") as toml:
                 toml.write(text.format(file=asset))
                 toml.flush()
-                add(kind, number if kind == "cloud" else 2 * (number - 1) ** 2, toml.name, asset=str(asset))
+                add(kind, 2 * (number - 1) ** 2 if kind == "terrain" else number, toml.name, asset=None if kind == "close" else str(asset))
     for count in SURFELS if "surfels" in only else ():
         if count > most:
             continue
@@ -221,6 +223,8 @@ def peak_mb(row, name):
 KINDS = {
     "cloud": ("Clouds", "voxels along an edge",
               "One cloud of noise at 320 x 240, a sun and a sky of one colour; about 30 % of its voxels are active (205 M of 1024)."),
+    "close": ("Clouds from close by", "voxels along an edge",
+              "The same clouds before a camera at their edge, and beside a path tracer of as many samples."),
     "terrain": ("Terrain", "triangles", "A height field at 640 x 480, a sun."),
     "surfels": ("Surfels", "surfels",
                 "Scene C (Sponza and a CT bunny) at 512 x 384, from clouds of more and more surfels; `build` within 1 GiB. "

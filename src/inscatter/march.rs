@@ -100,7 +100,8 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         let mut open: Option<Stretch> = None;
         let mut most = 0.0;
         let mut marched = 0;
-        let shows_voxels = |distance| self.shows_voxels(0, distance);
+        let voxel = self.view.tracer.volumes[0].longest_voxel_edge();
+        let shows_voxels = |distance| self.view.shows_voxels(voxel, distance);
         cells.each_by_middle(shows_voxels, |cell| {
             marched += 1;
             let seen = camera_ray.passed.transmittance.most();

@@ -125,14 +125,8 @@ impl<'a> Cells<'a> {
     /// Gives the cells that are left to `add` until that says no: the same as [`Self::next_cell`],
     /// faster.
     #[inline]
-    pub fn each(mut self, mut add: impl FnMut(RayInVolume) -> bool) {
-        while let Some(mut inside) = self.inside.take().or_else(|| self.enter_brick()) {
-            while let Some(cell) = inside.next(&self.line, self.start, &mut self.t) {
-                if !add(cell) {
-                    return;
-                }
-            }
-        }
+    pub fn each(self, add: impl FnMut(RayInVolume) -> bool) {
+        self.each_by_middle(|_| true, add);
     }
 
     /// The same for those who do not tell what is in which cell: each is as deep as in its middle,
@@ -145,7 +139,7 @@ impl<'a> Cells<'a> {
     ) {
         let thin = Self::MAX_DEPTH_OF_MIDDLE / self.volume.longest_voxel_edge();
         while let Some(mut inside) = self.inside.take().or_else(|| self.enter_brick()) {
-            let is_exact = inside.brick.max > thin || tells_cells(self.start + self.t);
+            let is_exact = tells_cells(self.start + self.t) || inside.brick.max > thin;
             loop {
                 let (line, start, t) = (&self.line, self.start, &mut self.t);
                 let cell = match is_exact {

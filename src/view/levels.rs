@@ -57,6 +57,14 @@ impl View<'_> {
         });
         are_small && volume.sigma_t.dims().iter().product::<usize>() >= Self::MANY_VOXELS
     }
+
+    /// Whether the picture shows single voxels of such an edge that are so far from the camera, both
+    /// in scene units.
+    #[inline]
+    #[must_use]
+    pub fn shows_voxels(&self, edge: f32, distance: f32) -> bool {
+        edge > Self::SMALL_VOXEL * self.pixel_angle * distance
+    }
 }
 
 fn level(volume: &Volume, camera: &Camera, film: Film) -> usize {

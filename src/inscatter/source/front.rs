@@ -6,7 +6,8 @@
 //! away: along each direction a ray leaves another point of that, chosen by what of the camera's
 //! rays ends there. A pixel shows the same mean over the skin's depth.
 
-use super::{InScatter, RayMemo, RaySegment};
+use super::segment::RaySegment;
+use super::{InScatter, RayMemo};
 use crate::inscatter::counts;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::seen_channels::OPAQUE;

@@ -12,6 +12,7 @@
 mod every_vertex;
 mod front;
 mod lattices;
+mod segment;
 
 pub use every_vertex::VolumeLight;
 pub use lattices::MediaLights;
@@ -39,6 +40,7 @@ use crate::view::{View, VisibleMedia};
 use front::SeenFront;
 use glam::Vec3;
 use lattices::VolumeLattices;
+use segment::RaySegment;
 use wide::f32x4;
 
 /// In-scattered light of all volumes of a scene.
@@ -95,8 +97,6 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Of a lone medium whose voxels no pixel tells, thin cells in so many pixels in a row are lit
     /// as one.
     const STRETCH_PIXELS: f32 = 5.0;
-    /// Pixels along an edge of voxels up to which pixels do not tell what is in which.
-    const TOLD_PIXELS: f32 = 2.0;
     /// Where shadows may have sharp edges, vertices in thin media are no further apart than so many
     /// pixels or a voxel: of what is between them nothing tells.
     const MAX_SHARP_SPACING_PIXELS: f32 = 16.0;
@@ -509,13 +509,6 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         spacing.max(Self::STRETCH_PIXELS * pixel)
     }
 
-    /// Whether pixels tell voxels of a volume apart that are so far from the camera.
-    #[inline]
-    pub(super) fn shows_voxels(&self, volume: usize, distance: f32) -> bool {
-        let pixel = self.view.pixel_angle * distance;
-        self.lattices[volume].voxel > Self::TOLD_PIXELS * pixel
-    }
-
     fn to_scene(&self, volume: usize, p: Vec3) -> Vec3 {
         inside(&self.volumes[volume], p)
     }
@@ -559,20 +552,6 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     }
 }
 
-impl<K> RaySegment<K> {
-    /// The point before which this share of the light comes from that the camera sees of the
-    /// segment.
-    fn at_share(&self, share: f32) -> Vec3 {
-        let reach = if self.seen_depth > 0.0 {
-            -libm::log1pf(-share * one_minus_exp_neg(self.seen_depth)) / self.seen_depth
-        } else {
-            share
-        };
-        let [from, to] = self.ends;
-        from + (to - from) * reach.min(1.0)
-    }
-}
-
 /// What one ray found at vertices last, by lattice.
 #[derive(Debug, Default)]
 pub struct RayMemo {
@@ -596,34 +575,6 @@ impl RayMemo {
         let [direct, indirect] = self.between;
         direct.min(indirect)
     }
-}
-
-/// A segment of a ray in a volume.
-struct RaySegment<K> {
-    volume: usize,
-    ends: [Vec3; 2],
-    /// Of the densest channel, and of what the ray sees of all: other depths are of the latter.
-    depth: f32,
-    seen_depth: f32,
-    /// What each channel adds to the ray.
-    channels: K,
-    /// What stands for it, in scene space and in the volume's index space.
-    point: Vec3,
-    at: Vec3,
-    /// Depth of a voxel of the densest medium in the brick, and of one as dense as on the segment.
-    densest: f32,
-    voxel_depth: f32,
-    /// How the ray sees the phase function, if that is not isotropic.
-    seen: Option<SeenPhase>,
-    /// Whether light between the vertices of the brick is as good as linear.
-    is_thin: bool,
-    /// The coarsest lattice that its brick allows.
-    level: usize,
-    /// The finest that the camera needs of direct light, and of indirect light.
-    finest: usize,
-    finest_indirect: usize,
-    /// The lattice of the front that it is in; 0 if it is in none.
-    front: usize,
 }
 
 fn with_luminance(light: Rgb) -> f32x4 {
