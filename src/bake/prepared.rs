@@ -37,7 +37,7 @@ impl<'a, K: Spectrum> Prepared<'a, K> {
         work: impl FnOnce(&Prepared<'_, K>, Walked) -> Result<T>,
     ) -> Result<T> {
         let tracer = Tracer::new_until(scene, &job.cancel)?;
-        let shadows = SoftShadowMedia::new(scene)?;
+        let shadows = SoftShadowMedia::new(scene, &scene.volumes)?;
         let lights = Lights::<SceneMedia<K>>::new(&tracer)
             .for_baking()
             .with_soft_shadows(shadows.as_ref());

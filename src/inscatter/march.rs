@@ -101,7 +101,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         let mut most = 0.0;
         let mut marched = 0;
         let voxel = self.view.tracer.volumes[0].longest_voxel_edge();
-        let shows_voxels = |distance| self.view.shows_voxels(voxel, distance);
+        let shows_voxels = |edge, distance| self.view.shows_voxels(edge * voxel, distance);
         cells.each_by_middle(shows_voxels, |cell| {
             marched += 1;
             let seen = camera_ray.passed.transmittance.most();

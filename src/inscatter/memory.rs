@@ -10,8 +10,16 @@ use crate::view::VisibleMedia;
 /// are lit, about: those of sweeps are told for themselves. `shows_no_voxels` says of a volume
 /// whether its single voxels are too small to matter.
 pub fn bytes_for(scene: &Scene, shows_no_voxels: impl Fn(&Volume) -> bool) -> u64 {
-    let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
-    grids as u64 / 2 + SunDepths::bytes_for(scene, shows_no_voxels)
+    let copies = |v: &Volume| {
+        let bytes = v.sigma_t.bytes() as u64;
+        // A grid of a file is read as far as it is not coarser: there is no second one.
+        match v.sigma_t.is_read() && v.has_many_voxels() {
+            true => bytes / 4 * 3,
+            false => bytes / 2,
+        }
+    };
+    let grids: u64 = scene.volumes.iter().map(copies).sum();
+    grids + SunDepths::bytes_for(scene, shows_no_voxels)
 }
 
 /// Refuses a sweep of a volume that takes more than a limit leaves beside what a stage holds, and

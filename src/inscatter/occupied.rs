@@ -77,7 +77,7 @@ fn of_brick(
     let mut filled = BrickCells::new(brick, step);
     for i in 0..BRICK_CELLS.pow(3) {
         let c = unflatten(i, [BRICK_CELLS; 3]);
-        if !matters(cells.cell(c)) {
+        if !matters(cells.cell::<false>(c.map(|c| c >> cells.level))) {
             continue;
         }
         let ends: [[usize; 2]; 3] = std::array::from_fn(|a| filled.ends(a, c[a]));
@@ -132,15 +132,24 @@ impl BrickCells {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::grid::{Allowed, VolumeGrid};
 
     #[test]
     fn filled_cells_are_those_in_which_any_cell_is_not_empty() {
         let value = |[i, j, k]: [usize; 3]| f32::from((i * 7 + j * 5 + k * 3).is_multiple_of(61));
         let grid = Grid::from_fn([37, 20, 45], value);
-        let bricks: Vec<_> = grid.bricks().collect();
-        for step in [1, 2, 4, 8, 16, 64] {
-            let plain = cells(&grid, &bricks, step, |cell| !cell.is_empty());
-            assert_eq!(filled_cells(&grid, &bricks, step), plain, "{step}");
+        let any = |b: [usize; 3]| Allowed {
+            unseen: b[2] % 3 + 1,
+            depth: f32::INFINITY,
+            error: 0.0,
+        };
+        let adapted = VolumeGrid::from(grid.clone()).adapted(any).unwrap();
+        for grid in [&grid, &adapted.unwrap()] {
+            let bricks: Vec<_> = grid.bricks().collect();
+            for step in [1, 2, 4, 8, 16, 64] {
+                let plain = cells(grid, &bricks, step, |cell| !cell.is_empty());
+                assert_eq!(filled_cells(grid, &bricks, step), plain, "{step}");
+            }
         }
     }
 }

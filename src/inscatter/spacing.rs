@@ -97,9 +97,8 @@ impl LeastSpacing {
     fn voxels(view: &View, volume: &Volume, brick: [usize; 3]) -> f32 {
         let voxel = volume.longest_voxel_edge();
         let half_diagonal = 0.5 * 3.0_f32.sqrt() * BRICK_CELLS as f32 * voxel;
-        let middle = Vec3::from(brick.map(|c| (c * BRICK_CELLS + BRICK_CELLS / 2) as f32));
-        let middle = volume.scene_from_index.transform_point3(middle.as_dvec3());
-        let distance = middle.as_vec3().distance(view.camera.origin()) - half_diagonal;
+        let middle = volume.middle_of_brick(brick);
+        let distance = middle.distance(view.camera.origin()) - half_diagonal;
         let pixels = view.pixel_angle * distance;
         std::f32::consts::SQRT_2 * Self::PIXELS * pixels / voxel
     }

@@ -157,6 +157,12 @@ fn check_scene(scene: &Scene, job: &Job) -> Result<()> {
                 volume.name
             ));
         }
+        if !volume.has_right_errors()? {
+            return wrong(format!(
+                "errors of bricks of the volume {:?} on coarser levels are not those of its samples",
+                volume.name
+            ));
+        }
     }
     Ok(())
 }

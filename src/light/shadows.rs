@@ -117,12 +117,11 @@ impl SoftShadowMedia {
     /// Depth behind which there is no light worth a step: a millionth is left.
     const NO_LIGHT: f32 = 14.0;
 
-    /// Copies a scene's media; `None` if nothing in it emits.
+    /// Copies a scene's media, or those that stand in for them; `None` if nothing in it emits.
     ///
     /// # Errors
     /// As [`Volume::ready`].
-    pub fn new(scene: &Scene) -> Result<Option<Self>> {
-        let volumes = &scene.volumes;
+    pub fn new(scene: &Scene, volumes: &[Volume]) -> Result<Option<Self>> {
         let max_edge = Self::max_edge(volumes.len());
         if !scene.materials.iter().any(Material::emits) && scene.emissive.is_empty() {
             return Ok(None);
@@ -337,7 +336,9 @@ mod tests {
         assert_eq!([exact_of(&sheets), exact_of(&waves)], [8.0, 0.0]);
         let mut scene = Scene::demo().expect("the demo can be read");
         scene.volumes = vec![sheets];
-        let media = SoftShadowMedia::new(&scene).unwrap().expect("a lamp");
+        let media = SoftShadowMedia::new(&scene, &scene.volumes)
+            .unwrap()
+            .expect("a lamp");
         let tracer = Tracer::new(&scene);
         // From within a sheet to its border, a little oblique, and to the next one.
         let direction = Vec3::new(1.0, 0.1, 0.0).normalize();
@@ -359,7 +360,9 @@ mod tests {
         });
         let mut scene = Scene::demo().expect("the demo can be read");
         scene.volumes = vec![waves, sheets];
-        let media = SoftShadowMedia::new(&scene).unwrap().expect("a lamp");
+        let media = SoftShadowMedia::new(&scene, &scene.volumes)
+            .unwrap()
+            .expect("a lamp");
         assert_eq!((media.all.len(), &media.all[0].exact), (1, &vec![1]));
         let tracer = Tracer::new(&scene);
         let direction = Vec3::new(1.0, 0.02, 0.03).normalize();
@@ -383,10 +386,18 @@ mod tests {
     #[test]
     fn a_scene_without_emitters_has_no_soft_shadows() {
         let mut scene = Scene::demo().expect("the demo can be read");
-        assert!(SoftShadowMedia::new(&scene).unwrap().is_some());
+        assert!(
+            SoftShadowMedia::new(&scene, &scene.volumes)
+                .unwrap()
+                .is_some()
+        );
         for material in &mut scene.materials {
             material.emission = [0.0; 3];
         }
-        assert!(SoftShadowMedia::new(&scene).unwrap().is_none());
+        assert!(
+            SoftShadowMedia::new(&scene, &scene.volumes)
+                .unwrap()
+                .is_none()
+        );
     }
 }

@@ -54,9 +54,17 @@ pub fn expected_cpu_secs(scene: &Scene) -> Option<f64> {
     // other scenes of more than 0.03 seconds they are off by a fifth at most.
     const PER_TRIANGLE: f64 = 0.62e-6;
     const PER_VOXEL: f64 = 14.5e-9;
-    let bytes: u64 = scene.volumes.iter().map(|v| v.sigma_t.bytes() as u64).sum();
-    let voxels = (bytes / size_of::<f32>() as u64) as f64;
-    let secs = PER_TRIANGLE * scene.mesh.triangles.len() as f64 + PER_VOXEL * voxels;
+    /// For errors of bricks, of volumes that have many.
+    const PER_VOXEL_OF_MANY: f64 = 4.5e-9;
+    let volumes = scene.volumes.iter().map(|v| {
+        let voxels = (v.sigma_t.bytes() / size_of::<f32>()) as f64;
+        let of_many = match v.has_many_voxels() && v.albedo_grid.is_none() {
+            true => PER_VOXEL_OF_MANY,
+            false => 0.0,
+        };
+        (PER_VOXEL + of_many) * voxels
+    });
+    let secs = PER_TRIANGLE * scene.mesh.triangles.len() as f64 + volumes.sum::<f64>();
     scene.as_packed().is_none().then_some(secs)
 }
 
@@ -103,7 +111,7 @@ pub fn run(
         meta.tree_bytes = bytes(tree.as_ref().map(Opened::data));
         meta.light_bytes = bytes(light.as_ref().map(Opened::data));
         let mut writer = PackedWriter::create(output, meta, overwrite)?;
-        packed::columns(scene, &mut writer, &job.cancel)?;
+        packed::columns(scene, &tables, &mut writer, &job.cancel)?;
         hierarchy.write(&mut writer, &job.cancel)?;
         for (column, file) in [
             (PackedColumn::Tree, tree.as_ref().map(Opened::data)),

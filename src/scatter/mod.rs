@@ -186,8 +186,10 @@ impl TreeTask for Lighting<'_> {
             settings,
             job,
         } = self;
-        let tracer = Tracer::new_until(scene, &job.cancel)?;
-        let shadows = SoftShadowMedia::new(scene)?;
+        let adapted = view::media_of_all_cameras(&scene.volumes)?;
+        let volumes = adapted.as_deref().unwrap_or(&scene.volumes);
+        let tracer = Tracer::with_volumes(scene, volumes, &job.cancel)?;
+        let shadows = SoftShadowMedia::new(scene, volumes)?;
         let lights = Lights::<SceneMedia<M::Share>>::new(&tracer);
         let lights = lights.with_soft_shadows(shadows.as_ref());
         let patches = PatchRadiance::of_tree(&tracer, tree, 0)?;

@@ -152,7 +152,7 @@ impl EmissiveVolume {
         let mut sums = [Sums::default(); ACROSS * ACROSS * ACROSS];
         for i in 0..BRICK_CELLS.pow(3) {
             let c = unflatten(i, [BRICK_CELLS; 3]);
-            let cell = brick.cell(c);
+            let cell = brick.cell::<true>(c);
             if cell.is_empty() {
                 continue;
             }

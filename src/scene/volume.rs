@@ -2,8 +2,9 @@
 
 use super::Grid;
 use super::albedo_grid::{AlbedoGrid, has_step, mean_over};
-use super::grid::{Pyramid, VolumeGrid, VoxelBox};
+use super::grid::{Allowed, BRICK_CELLS, Pyramid, VolumeGrid, VoxelBox};
 use crate::Result;
+use crate::formats::PackedVolume;
 use crate::math::{Aabb, PhaseFunction, Rgb};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
@@ -170,6 +171,39 @@ impl Volume {
         coarser.with_phase(self.phase)
     }
 
+    /// The same medium with bricks on levels of their own, as [`VolumeGrid::adapted`]; `None` also if its
+    /// albedo varies.
+    ///
+    /// # Errors
+    /// As [`VolumeGrid::adapted`].
+    pub fn adapted(&self, allowed: impl Fn([usize; 3]) -> Allowed + Sync) -> Result<Option<Self>> {
+        if self.albedo_grid.is_some() {
+            return Ok(None);
+        }
+        let with_grid = |grid| {
+            let volume = Self::new(self.name.clone(), grid, self.albedo, self.scene_from_index);
+            let volume = volume.with_extinction_color(self.extinction_color);
+            volume.with_phase(self.phase)
+        };
+        Ok(self.sigma_t.adapted(allowed)?.map(with_grid))
+    }
+
+    /// Whether it has so many voxels that shadows of each are too many to be exact, and bricks are worth
+    /// levels of their own.
+    #[must_use]
+    pub fn has_many_voxels(&self) -> bool {
+        let voxels: usize = self.sigma_t.dims().iter().product();
+        voxels as u64 >= PackedVolume::MANY_VOXELS
+    }
+
+    /// The middle of a brick of cells, in scene space.
+    #[must_use]
+    pub fn middle_of_brick(&self, brick: [usize; 3]) -> Vec3 {
+        let middle = Vec3::from(brick.map(|c| (c * BRICK_CELLS + BRICK_CELLS / 2) as f32));
+        let middle = self.scene_from_index.transform_point3(middle.as_dvec3());
+        middle.as_vec3()
+    }
+
     fn albedo_grid_at_level(&self, level: usize) -> Option<AlbedoGrid> {
         let mut albedo = self.albedo_grid.clone()?;
         for level in 1..=level {
@@ -210,6 +244,25 @@ impl Volume {
             finer = grid;
         }
         Ok(true)
+    }
+
+    /// Whether the errors of bricks that are stored with its levels are those of what is stored; all levels
+    /// are read.
+    ///
+    /// # Errors
+    /// As [`Volume::ready`], for all levels.
+    pub fn has_right_errors(&self) -> Result<bool> {
+        let mut level = 0;
+        loop {
+            let grid = self.level(level);
+            if !grid.has_right_errors()? {
+                return Ok(false);
+            }
+            level += 1;
+            if self.level(level).dims() == grid.dims() {
+                return Ok(true);
+            }
+        }
     }
 
     /// Reads its grid if that is in a file and was not read.

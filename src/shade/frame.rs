@@ -132,13 +132,14 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
         let camera = scene.camera(settings.camera.as_deref())?;
         let amid_shutter = (!camera.path.is_empty()).then(|| camera.amid_shutter());
         let camera = amid_shutter.as_ref().unwrap_or(camera);
-        // Vertices that were lit beforehand stand on the voxels of the scene's own media.
-        let media_on_pixels = (tree.scatter.is_none())
-            .then(|| view::media_on_pixels(&scene.volumes, camera, scene.film))
-            .flatten();
-        let volumes = media_on_pixels.as_deref().unwrap_or(&scene.volumes);
+        // Vertices that were lit beforehand stand on the grids that all cameras share.
+        let adapted = match &tree.scatter {
+            Some(_) => view::media_of_all_cameras(&scene.volumes)?,
+            None => view::media_on_pixels(&scene.volumes, camera, scene.film)?,
+        };
+        let volumes = adapted.as_deref().unwrap_or(&scene.volumes);
         let tracer = Tracer::with_volumes(scene, volumes, &job.cancel)?;
-        let shadows = SoftShadowMedia::new(scene)?;
+        let shadows = SoftShadowMedia::new(scene, volumes)?;
         let lights = Lights::<SceneMedia<M::Share>>::new(&tracer);
         let lights = lights.with_soft_shadows(shadows.as_ref());
         let view = View::new(&tracer, camera, scene.film, settings.seed);

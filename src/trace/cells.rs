@@ -74,6 +74,8 @@ struct InBrick<'a> {
     brick: Brick<'a>,
     /// Where its cells begin, cell coordinates.
     base: Vec3A,
+    /// Edge of its cells in voxels, and one over that.
+    edge: [f32; 2],
     cells: Steps,
     /// Where on the line the ray leaves it.
     leave: f32,
@@ -126,25 +128,29 @@ impl<'a> Cells<'a> {
     /// faster.
     #[inline]
     pub fn each(self, add: impl FnMut(RayInVolume) -> bool) {
-        self.each_by_middle(|_| true, add);
+        self.each_by_middle(|_, _| true, add);
     }
 
     /// The same for those who do not tell what is in which cell: each is as deep as in its middle,
-    /// where it is thin and `tells_cells` says no of a distance from the ray's origin.
+    /// where it is thin and `tells_cells` says no of its edge in voxels, at a distance from the ray's
+    /// origin.
     #[inline]
     pub fn each_by_middle(
         mut self,
-        tells_cells: impl Fn(f32) -> bool,
+        tells_cells: impl Fn(f32, f32) -> bool,
         mut add: impl FnMut(RayInVolume) -> bool,
     ) {
         let thin = Self::MAX_DEPTH_OF_MIDDLE / self.volume.longest_voxel_edge();
         while let Some(mut inside) = self.inside.take().or_else(|| self.enter_brick()) {
-            let is_exact = tells_cells(self.start + self.t) || inside.brick.max > thin;
+            let [edge, _] = inside.edge;
+            let is_exact = tells_cells(edge, self.start + self.t) || inside.brick.max * edge > thin;
             loop {
                 let (line, start, t) = (&self.line, self.start, &mut self.t);
-                let cell = match is_exact {
-                    true => inside.next(line, start, t),
-                    false => inside.next_with::<true>(line, start, t),
+                let cell = match (is_exact, inside.brick.level) {
+                    (true, 0) => inside.next_with::<false, true>(line, start, t),
+                    (true, _) => inside.next_with::<false, false>(line, start, t),
+                    (false, 0) => inside.next_with::<true, true>(line, start, t),
+                    (false, _) => inside.next_with::<true, false>(line, start, t),
                 };
                 match cell {
                     None => break,
@@ -176,7 +182,6 @@ impl<'a> Cells<'a> {
     /// Moves on to the next stored brick.
     #[inline]
     fn enter_brick(&mut self) -> Option<InBrick<'a>> {
-        const LIMIT: [i32; 3] = [BRICK_CELLS as i32; 3];
         while !self.done {
             let b = self.bricks.at();
             let leave = self.bricks.leave().min(self.end);
@@ -185,10 +190,13 @@ impl<'a> Cells<'a> {
             self.done = !self.bricks.advance() | (leave >= self.end);
             if let Some(brick) = brick.filter(|_| leave > entry) {
                 let base = b.map(|v| v * BRICK_CELLS as i32);
+                let edge = (1 << brick.level) as f32;
+                let limit = [(BRICK_CELLS >> brick.level) as i32; 3];
                 return Some(InBrick {
                     brick,
                     base: Vec3A::from_array(base.map(|v| v as f32)),
-                    cells: Steps::new(&self.line, entry, base, 1.0, LIMIT),
+                    edge: [edge, 1.0 / edge],
+                    cells: Steps::new(&self.line, entry, base, edge, limit),
                     leave,
                     done: false,
                     passed: 0,
@@ -204,21 +212,29 @@ impl InBrick<'_> {
     /// The next non-empty cell behind `t` of a line that begins `start` behind its ray's origin.
     #[inline]
     fn next(&mut self, line: &Line, start: f32, t: &mut f32) -> Option<RayInVolume> {
-        self.next_with::<false>(line, start, t)
+        match self.brick.level {
+            0 => self.next_with::<false, true>(line, start, t),
+            _ => self.next_with::<false, false>(line, start, t),
+        }
     }
 
-    /// The same, as deep as in its middle if that is asked.
+    /// The same, as deep as in its middle if that is asked; faster for who knows that cells are voxels
+    /// wide.
     #[inline]
-    fn next_with<const BY_MIDDLE: bool>(
+    fn next_with<const BY_MIDDLE: bool, const ON_VOXELS: bool>(
         &mut self,
         line: &Line,
         start: f32,
         t: &mut f32,
     ) -> Option<RayInVolume> {
+        let [edge, per_edge] = match ON_VOXELS {
+            true => [1.0; 2],
+            false => self.edge,
+        };
         while !self.done {
             let near = *t;
             let far = self.cells.leave().min(self.leave);
-            let (at, corner) = (self.cells.at(), self.base + self.cells.corner());
+            let (at, corner) = (self.cells.at(), self.base + self.cells.corner() * edge);
             self.done = !self.cells.advance() | (far >= self.leave);
             let far = if self.done { self.leave } else { near.max(far) };
             *t = far;
@@ -226,10 +242,10 @@ impl InBrick<'_> {
                 continue;
             }
             self.passed += 1;
-            let cell = self.brick.cell(at.map(|v| v as usize));
+            let cell = self.brick.cell::<ON_VOXELS>(at.map(|v| v as usize));
             if !cell.is_empty() {
                 let value = |t: f32| {
-                    let p = line.origin + line.direction * t - corner;
+                    let p = (line.origin + line.direction * t - corner) * per_edge;
                     cell.value(p.clamp(Vec3A::ZERO, Vec3A::ONE))
                 };
                 let mean = match BY_MIDDLE {
@@ -260,6 +276,7 @@ mod tests {
     use super::*;
     use crate::math::sampling;
     use crate::scene::Grid;
+    use crate::scene::grid::Allowed;
     use glam::{DAffine3, DQuat, DVec3, Vec3};
 
     fn volume(grid: Grid, scene_from_index: DAffine3) -> Volume {
@@ -297,7 +314,32 @@ mod tests {
             DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-0.4),
             DVec3::new(3.0, -1.0, 2.0),
         );
-        let v = volume(grid, placement);
+        check_depths(&volume(grid, placement), placement);
+    }
+
+    #[test]
+    fn optical_depth_agrees_with_fine_steps_where_bricks_are_coarse() {
+        let grid = Grid::from_fn([37, 19, 23], |[i, j, k]| {
+            10.0 + 8.0 * (0.3 * i as f32).sin() * (0.2 * (j + k) as f32).cos()
+        });
+        let placement = DAffine3::from_scale_rotation_translation(
+            DVec3::new(0.05, 0.08, 0.03),
+            DQuat::from_rotation_y(0.4),
+            DVec3::new(3.0, -1.0, 2.0),
+        );
+        let allowed = |b: [usize; 3]| Allowed {
+            unseen: b[0],
+            depth: f32::INFINITY,
+            error: 0.0,
+        };
+        let v = volume(grid, placement).adapted(allowed).unwrap().unwrap();
+        let levels = v.sigma_t.bricks().filter_map(|b| v.sigma_t.brick(b));
+        let levels: std::collections::BTreeSet<usize> = levels.map(|b| b.level).collect();
+        assert_eq!(levels.len(), 4);
+        check_depths(&v, placement);
+    }
+
+    fn check_depths(v: &Volume, placement: DAffine3) {
         let centre = placement
             .transform_point3(DVec3::new(18.0, 9.0, 11.0))
             .as_vec3();
@@ -319,7 +361,7 @@ mod tests {
                     f64::from(v.sigma_t.sample(v.index_from_scene.transform_point3(p))) * dt
                 })
                 .sum();
-            let got = tau(&v, o, d, t_max);
+            let got = tau(v, o, d, t_max);
             assert!(
                 (got - expected).abs() < 3e-3 + 3e-4 * expected,
                 "ray {i}: {got} against {expected}"
@@ -356,7 +398,7 @@ mod tests {
             let depth = |tells_cells: bool| {
                 let mut sum = 0.0;
                 cells().each_by_middle(
-                    |_| tells_cells,
+                    |_, _| tells_cells,
                     |cell| {
                         sum += cell.tau;
                         true

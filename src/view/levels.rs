@@ -1,7 +1,9 @@
 //! The voxels of media that the pixels of a camera show.
 
 use super::{View, VisibleMedia, pixel_angle};
+use crate::Result;
 use crate::math::Aabb;
+use crate::scene::grid::{Allowed, BRICK_CELLS};
 use crate::scene::{Camera, Film, Volume};
 
 /// Pixels along the longest edge of a voxel, at most, where a volume is nearest to the camera.
@@ -9,18 +11,72 @@ const MAX_PIXELS: f32 = 1.0;
 /// Optical depth of a voxel, at most: what light changes over must not be in one mean.
 const MAX_DEPTH: f32 = 0.5;
 
-/// The media of a scene on the largest voxels that a camera does not tell from their own; `None` if
-/// these are their own for all of them. That depends on nothing but camera, film and volumes.
-#[must_use]
-pub fn media_on_pixels(volumes: &[Volume], camera: &Camera, film: Film) -> Option<Vec<Volume>> {
-    let levels: Vec<usize> = volumes.iter().map(|v| level(v, camera, film)).collect();
-    let any = levels.iter().any(|l| *l > 0);
-    any.then(|| {
-        let levels = volumes.iter().zip(levels);
-        levels.map(|(v, level)| v.at_level(level)).collect()
-    })
+/// Error of the optical depth of a ray through a brick on coarser cells, at most, where pixels tell them.
+const MAX_ERROR: f32 = 0.01;
+
+/// The media of a scene on the largest voxels that a camera does not tell from their own, and those of
+/// many voxels brick by brick on what it does not tell, or whose error is small; `None` if these are
+/// their own for all of them. That depends on nothing but camera, film and volumes.
+///
+/// # Errors
+/// As [`Volume::ready`].
+pub fn media_on_pixels(
+    volumes: &[Volume],
+    camera: &Camera,
+    film: Film,
+) -> Result<Option<Vec<Volume>>> {
+    let levels = volumes.iter().map(|v| level(v, camera, film));
+    with_bricks(volumes, levels, Some((camera, film)))
 }
 
+/// The same for light that all cameras share: media on their own voxels, but for bricks whose error is
+/// small.
+///
+/// # Errors
+/// As [`Volume::ready`].
+pub fn media_of_all_cameras(volumes: &[Volume]) -> Result<Option<Vec<Volume>>> {
+    with_bricks(volumes, volumes.iter().map(|_| 0), None)
+}
+
+fn with_bricks(
+    volumes: &[Volume],
+    levels: impl Iterator<Item = usize>,
+    picture: Option<(&Camera, Film)>,
+) -> Result<Option<Vec<Volume>>> {
+    let mut are_any = false;
+    let of = |(volume, level): (&Volume, usize)| {
+        let volume = volume.at_level(level);
+        let adapted = adapted(&volume, picture)?;
+        are_any |= level > 0 || adapted.is_some();
+        Ok(adapted.unwrap_or(volume))
+    };
+    let media = volumes.iter().zip(levels).map(of).collect::<Result<_>>()?;
+    Ok(are_any.then_some(media))
+}
+
+/// A volume of many voxels with bricks on coarser levels, as far as the picture of a camera allows, or
+/// those of all.
+fn adapted(volume: &Volume, picture: Option<(&Camera, Film)>) -> Result<Option<Volume>> {
+    if !volume.has_many_voxels() {
+        return Ok(None);
+    }
+    let voxel = volume.longest_voxel_edge();
+    let half_diagonal = 0.5 * 3.0_f32.sqrt() * BRICK_CELLS as f32 * voxel;
+    let error = MAX_ERROR / (BRICK_CELLS as f32 * voxel);
+    let pixels = picture.map(|(camera, film)| (camera.origin(), pixel_angle(camera, film)));
+    volume.adapted(|brick| {
+        let unseen = pixels.map_or(0, |(origin, pixel)| {
+            let distance = volume.middle_of_brick(brick).distance(origin) - half_diagonal;
+            let most = (MAX_PIXELS * pixel * distance / voxel) as usize;
+            most.max(1).ilog2() as usize
+        });
+        Allowed {
+            unseen,
+            depth: MAX_DEPTH / voxel,
+            error,
+        }
+    })
+}
 /// Length that a pixel covers where a volume is nearest to the camera.
 fn pixel_at(volume: &Volume, camera: &Camera, film: Film) -> f32 {
     let Aabb { min, max } = volume.bounds();
@@ -32,8 +88,6 @@ impl View<'_> {
     /// Voxels' edges in pixels up to which pictures show no single one, which shadows are then not
     /// sharper than.
     const SMALL_VOXEL: f32 = 2.0;
-    /// Voxels from which on shadows of each are too many to be exact.
-    const MANY_VOXELS: usize = 1 << 22;
 
     /// Whether the voxels of a volume are so many, and so small in the picture, that shadows need
     /// not be those of single ones.
@@ -55,7 +109,7 @@ impl View<'_> {
             let pixel = pixel_at(volume, camera, film);
             volume.longest_voxel_edge() <= Self::SMALL_VOXEL * pixel
         });
-        are_small && volume.sigma_t.dims().iter().product::<usize>() >= Self::MANY_VOXELS
+        are_small && volume.has_many_voxels()
     }
 
     /// Whether the picture shows single voxels of such an edge that are so far from the camera, both
@@ -103,7 +157,7 @@ mod tests {
             height: 100,
             exposure: 1.0,
         };
-        let media = media_on_pixels(&[volume], &camera, film)?;
+        let media = media_on_pixels(&[volume], &camera, film).unwrap()?;
         let [grid] = [&media[0].sigma_t];
         // Wherever it is seen from, it is as large, and as deep.
         assert_eq!(media[0].bounds().max, Vec3::ONE);

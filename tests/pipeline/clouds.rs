@@ -5,10 +5,10 @@ use glam::{DAffine3, DVec3};
 use lvox::formats::Overwrite;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
-use lvox::scatter;
 use lvox::scene::{CameraInput, Film, Grid, LightInput, Scene, SceneBuilder, VolumeInput};
 use lvox::shade::{self, Settings};
 use lvox::tree::OpenTree;
+use lvox::{pack, scatter};
 use std::collections::BTreeMap;
 
 /// A cloud of waves in a cube of edge 2 of so many voxels along each axis, and a camera before it.
@@ -105,6 +105,40 @@ fn rays_amid_a_cloud_are_lit_as_often_as_light_changes() {
         segments > 0.0 && 3.0 * segments < 2.0 * cells,
         "{segments} of {cells}"
     );
+}
+
+/// Where voxels are wider than pixels, but the cloud is smooth, many voxels are fewer cells to pass than
+/// fewer, to the same picture; of a packed scene, to the same bits, not all are read.
+#[test]
+fn frames_amid_smooth_voxels_take_as_much_work_as_the_cloud_is_detailed() {
+    let amid = || CameraInput::look_at("amid", [0.0, 0.1, 0.9], [0.0; 3], [0.0, 1.0, 0.0], 0.3);
+    // The first is too small to be looked at brick by brick.
+    let [few, many] = [160, 168].map(|n| cloud_before(amid().unwrap(), n, 1.0, [1.0; 3]));
+    let work = Work::new("");
+    let tree = OpenTree::open(&work.bake(&few, 1), None).unwrap();
+    let (few, few_counts) = shaded(&few, &tree, Region::full(64, 48));
+    let tree = OpenTree::open(&work.bake(&many, 1), None).unwrap();
+    let (frame, counts) = shaded(&many, &tree, Region::full(64, 48));
+    let cells = [&few_counts, &counts].map(|counts| counts["media_cells_marched"]);
+    assert!(cells[1] < 0.75 * cells[0], "{cells:?}");
+    let (brighter, difference) = apart(&beauty(&frame), &beauty(&few));
+    assert!(
+        brighter.abs() < 0.01 && difference < 0.03,
+        "{brighter} {difference}"
+    );
+    let packed = work.path("many.lvp");
+    let (files, job) = (pack::Files::default(), Job::default());
+    pack::run(&many, files, &packed, Overwrite::Refuse, &job).unwrap();
+    let packed = Scene::load(&packed).unwrap();
+    let (again, _) = shaded(&packed, &tree, Region::full(64, 48));
+    assert!(beauty(&again) == beauty(&frame));
+    assert!(!packed.volumes[0].sigma_t.is_read());
+    let lit = [(&many, "a.lvs"), (&packed, "b.lvs")].map(|(scene, name)| {
+        let (light, settings) = (work.path(name), scatter::Settings::default());
+        scatter::run(scene, &tree, &light, &settings, Overwrite::Refuse, &job).unwrap();
+        std::fs::read(light).unwrap()
+    });
+    assert!(lit[0] == lit[1]);
 }
 
 /// The voxels of a frame, its sweep and its rays to the sun are those of the whole frame, whichever

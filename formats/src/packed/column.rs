@@ -61,6 +61,8 @@ pub enum PackedColumn {
     Opacities,
     /// Places of meshes that are stored once: a map of 12 f64, a box of 6 f32, 2 u32.
     Instances,
+    /// Errors of bricks of a volume on coarser levels, 3 f32.
+    BrickErrors,
 }
 
 impl PackedColumn {
@@ -91,6 +93,7 @@ impl PackedColumn {
             Self::Environment => "environment",
             Self::Opacities => "opacities",
             Self::Instances => "instances",
+            Self::BrickErrors => "errors of bricks",
         }
     }
 
@@ -103,7 +106,8 @@ impl PackedColumn {
             | Self::Colors
             | Self::Triangles
             | Self::Texels
-            | Self::Environment => 12,
+            | Self::Environment
+            | Self::BrickErrors => 12,
             Self::Uvs => 8,
             Self::Materials | Self::CodeValues | Self::Opacities => 4,
             Self::Nodes => 224,
@@ -223,6 +227,10 @@ pub fn check_rows(
             Some(instances) => check_instances(first, piece, instances),
             None => Ok(()),
         },
+        PackedColumn::BrickErrors => all(
+            &|row| floats(row).all(|v| (0.0..=f32::MAX).contains(&v)),
+            "finite numbers of at least 0",
+        ),
         PackedColumn::ByteCodes
         | PackedColumn::WordCodes
         | PackedColumn::Tree

@@ -211,6 +211,7 @@ pub fn packed_rows(column: PackedColumn) -> Vec<u8> {
             };
             [block(0), block(1)].concat()
         }
+        PackedColumn::BrickErrors => floats(&[0.5, 1.0, 2.0, 0.0, 0.0, 0.0, 0.1, 0.2, 1e9]),
         PackedColumn::Tree => b"a tre".to_vec(),
         _ => Vec::new(),
     }

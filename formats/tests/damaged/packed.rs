@@ -130,6 +130,44 @@ fn rows_of_packed_scenes_are_checked() {
     }
 }
 
+/// Errors of bricks are numbers, of volumes of many voxels alone.
+#[test]
+fn errors_of_bricks_are_checked() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("e.lvp");
+    let mut meta = packed_meta();
+    meta.parts.brick_errors = vec![0];
+    let refuse = |meta: &PackedMeta| {
+        let path = dir.path().join("f.lvp");
+        let error = PackedWriter::create(&path, meta.clone(), Overwrite::Replace);
+        let error = error.map(drop).unwrap_err().to_string();
+        assert!(error.contains("of many voxels"), "{error}");
+    };
+    refuse(&meta);
+    meta.volumes[0].dims = [256, 256, 64];
+    meta.parts.brick_errors = vec![0, 0];
+    refuse(&meta);
+    meta.parts.brick_errors = vec![1];
+    refuse(&meta);
+    meta.parts.brick_errors = vec![0];
+    write_packed_as(&path, meta.clone());
+    let file = std::fs::read(path).unwrap();
+    read_packed(&file).unwrap();
+    let opened = Packed::open(&file[..]).unwrap();
+    assert_eq!(opened.meta(), &meta);
+    let rows = packed_rows(PackedColumn::BrickErrors);
+    assert_eq!(opened.rows(PackedColumn::BrickErrors, 0), rows);
+    let mut columns = opened.columns().iter();
+    let block = columns.find(|(c, _)| c.column == PackedColumn::BrickErrors);
+    let block = block.unwrap().1.start;
+    for value in [-1.0, f32::NAN, f32::INFINITY] {
+        let bytes = changed(&file, |parts| {
+            parts.blocks[block].data[0].1[16..20].copy_from_slice(&value.to_le_bytes());
+        });
+        refused(&bytes, read_packed, "row 1 of the errors of bricks");
+    }
+}
+
 /// Places whose maps, boxes or prototypes would lead a reader astray, and blocks of prototypes with
 /// triangles of others.
 #[test]

@@ -185,7 +185,7 @@ fn track(
                     cell[a] = (p as usize).min(BRICK_CELLS - 1);
                     f[a] = (p - cell[a] as f32).clamp(0.0, 1.0);
                 }
-                let share = (brick.cell(cell).value(f.into()) / brick.max).min(1.0);
+                let share = (brick.cell::<true>(cell).value(f.into()) / brick.max).min(1.0);
                 if !visit(start + t, share, sampler) {
                     return;
                 }

@@ -1,6 +1,7 @@
 //! Which bricks a grid stores, before it stores any, and how they are filled: a region of bricks at
 //! a time, so that what samples come from is read in boxes and on all threads.
 
+use super::brick::CoarseBricks;
 use super::{ABSENT, BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Grid, brick_dims};
 use crate::Result;
 use crate::math::unflatten;
@@ -172,6 +173,7 @@ impl Layout {
             slots,
             samples,
             maxima: maxima.iter().flatten().copied().collect(),
+            coarse: CoarseBricks::NONE,
         }
     }
 

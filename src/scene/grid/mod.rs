@@ -8,23 +8,32 @@
 //! field are at integers. A brick holds 8^3 cells with their 9^3 corner samples, so a cell never
 //! needs a second brick; bricks whose samples are all zero are not stored.
 //!
+//! - `adapted`: grids whose bricks are on levels of their own
+//! - `brick`: a brick and its cells
+//! - `coarse`: bricks on the levels of a pyramid
 //! - `layout`: which bricks are stored, and how they are filled
 //! - `packed`: bricks as files have them
 //! - `pyramid`: the same field on larger voxels
 //! - `volume_grid`: the grid of a volume, which may be in a file until it is looked into
 
+mod adapted;
+mod brick;
+mod coarse;
 mod layout;
 mod packed;
 mod pyramid;
 mod volume_grid;
 
+pub use adapted::{Allowed, Errors};
+pub use brick::{Brick, Cell};
 pub(super) use layout::{Layout, Region, VoxelBox};
 pub use pyramid::Pyramid;
-pub use volume_grid::{Known, StoredLevels, VolumeGrid};
+pub use volume_grid::{Known, StoredBricks, StoredLevels, VolumeGrid};
 
 use crate::math::unflatten;
 use crate::{Error, Result};
-use glam::{Vec3, Vec3A, Vec4, Vec4Swizzles};
+use brick::CoarseBricks;
+use glam::Vec3;
 use rayon::prelude::*;
 use std::convert::Infallible;
 
@@ -44,14 +53,7 @@ pub struct Grid {
     slots: Vec<u32>,
     samples: Vec<f32>,
     maxima: Vec<f32>,
-}
-
-/// A stored brick: its corner samples and the largest of them.
-#[derive(Clone, Copy)]
-pub struct Brick<'a> {
-    samples: &'a [f32],
-    /// No sample of the brick is above this.
-    pub max: f32,
+    coarse: CoarseBricks,
 }
 
 impl Grid {
@@ -109,6 +111,7 @@ impl Grid {
             slots: vec![ABSENT; bricks.iter().product()],
             samples: Vec::new(),
             maxima: Vec::new(),
+            coarse: CoarseBricks::NONE,
         };
         for (voxel, sample) in voxels {
             if (0..3).any(|a| voxel[a] >= dims[a]) {
@@ -224,21 +227,22 @@ impl Grid {
     fn each_in_layer(&self, z: usize, mut take: impl FnMut(usize, usize, f32)) {
         let [width, height, _] = self.dims;
         let corner = z + 1;
-        let in_brick = corner % BRICK_CELLS * BRICK_EDGE * BRICK_EDGE;
         for j in 0..self.bricks[1] {
             for i in 0..self.bricks[0] {
                 let Some(brick) = self.brick([i, j, corner / BRICK_CELLS]) else {
                     continue;
                 };
+                let mut layer = [0.0; BRICK_EDGE * BRICK_EDGE];
+                let layer = brick.layer(corner % BRICK_CELLS, &mut layer);
                 // Corner c of cell space is sample c - 1; those of the first cell are of the brick
                 // before, or are clamped.
                 let samples = |b: usize, n: usize| {
                     (b * BRICK_CELLS).max(1)..(b * BRICK_CELLS + BRICK_CELLS).min(n + 1)
                 };
                 for y in samples(j, height) {
-                    let row = in_brick + y % BRICK_CELLS * BRICK_EDGE;
+                    let row = y % BRICK_CELLS * BRICK_EDGE;
                     for x in samples(i, width) {
-                        take(x - 1, y - 1, brick.samples[row + x % BRICK_CELLS]);
+                        take(x - 1, y - 1, layer[row + x % BRICK_CELLS]);
                     }
                 }
             }
@@ -272,13 +276,15 @@ impl Grid {
 
     /// The brick at brick coordinates, if any of its samples is not zero.
     #[must_use]
+    #[inline]
     pub fn brick(&self, b: [usize; 3]) -> Option<Brick<'_>> {
         let slot = self.slots[(b[2] * self.bricks[1] + b[1]) * self.bricks[0] + b[0]];
         (slot != ABSENT).then(|| {
-            let first = slot as usize * BRICK_SAMPLES;
+            let (level, samples) = self.coarse.place(slot);
             Brick {
-                samples: &self.samples[first..first + BRICK_SAMPLES],
+                samples: &self.samples[samples],
                 max: self.maxima[slot as usize],
+                level,
             }
         })
     }
@@ -314,12 +320,25 @@ impl Grid {
         let cell: [usize; 3] = std::array::from_fn(|a| ((p[a] + 0.5) as usize).min(self.dims[a]));
         match self.brick(cell.map(|c| c / BRICK_CELLS)) {
             None => 0.0,
-            Some(brick) => {
+            Some(brick) if brick.level == 0 => {
                 let f: [f32; 3] = std::array::from_fn(|a| p[a] + 0.5 - cell[a] as f32);
-                brick.cell(cell.map(|c| c % BRICK_CELLS)).value(f.into())
+                let cell = brick.cell::<true>(cell.map(|c| c % BRICK_CELLS));
+                cell.value(f.into())
+            }
+            Some(brick) => {
+                let edge = (1 << brick.level) as f32;
+                let first = cell.map(|c| c >> brick.level << brick.level);
+                let f: [f32; 3] = std::array::from_fn(|a| (p[a] + 0.5 - first[a] as f32) / edge);
+                let cell = brick.cell::<false>(first.map(|c| (c % BRICK_CELLS) >> brick.level));
+                cell.value(f.into())
             }
         }
     }
+}
+
+/// The number of a place among so many along each axis, x fastest.
+fn flatten([x, y, z]: [usize; 3], [nx, ny, _]: [usize; 3]) -> usize {
+    (z * ny + y) * nx + x
 }
 
 /// Bricks along each axis: there is a cell before the first sample and one behind the last.
@@ -336,77 +355,6 @@ fn voxel_count(dims: [usize; 3]) -> Result<usize> {
                 "expected a grid of at least one voxel that memory can hold, found {dims:?}"
             ))
         })
-}
-
-/// The eight corner samples of a cell: those of its lower and its upper face, x fastest.
-#[derive(Clone, Copy, Debug)]
-pub struct Cell([Vec4; 2]);
-
-impl Brick<'_> {
-    /// Its corner samples, x fastest.
-    #[must_use]
-    pub fn samples(&self) -> &[f32] {
-        self.samples
-    }
-
-    /// Its cells that are not empty: a bit for each along x, row by row along y, then z.
-    #[must_use]
-    pub fn filled_cells(&self) -> [u8; BRICK_CELLS * BRICK_CELLS] {
-        // By row of samples, a bit for each that is not 0, and one for each pair of these.
-        let mut pairs = [0_u16; BRICK_EDGE * BRICK_EDGE];
-        for (pair, row) in pairs.iter_mut().zip(self.samples.chunks_exact(BRICK_EDGE)) {
-            let bits = row.iter().enumerate();
-            let bits = bits.fold(0, |bits, (i, v)| bits | u16::from(*v != 0.0) << i);
-            *pair = bits | bits >> 1;
-        }
-        std::array::from_fn(|i| {
-            let first = i / BRICK_CELLS * BRICK_EDGE + i % BRICK_CELLS;
-            let faces = [first, first + BRICK_EDGE];
-            faces
-                .iter()
-                .fold(0, |all, &at| all | pairs[at] | pairs[at + 1]) as u8
-        })
-    }
-
-    /// A cell of the brick, by coordinates below [`BRICK_CELLS`].
-    #[must_use]
-    #[inline]
-    pub fn cell(&self, c: [usize; 3]) -> Cell {
-        let first = (c[2] * BRICK_EDGE + c[1]) * BRICK_EDGE + c[0];
-        let face = |at: usize| {
-            let row = |at: usize| [self.samples[at], self.samples[at + 1]];
-            let ([a, b], [c, d]) = (row(at), row(at + BRICK_EDGE));
-            Vec4::new(a, b, c, d)
-        };
-        Cell([face(first), face(first + BRICK_EDGE * BRICK_EDGE)])
-    }
-}
-
-impl Cell {
-    /// Trilinear value at `f`, from 0 to 1 on each axis of the cell.
-    #[must_use]
-    #[inline]
-    pub fn value(&self, f: Vec3A) -> f32 {
-        let [lower, upper] = self.0;
-        let face = lower + (upper - lower) * f.z;
-        let row = face.xy() + (face.zw() - face.xy()) * f.y;
-        row.x + (row.y - row.x) * f.x
-    }
-
-    /// The smallest of its samples.
-    #[must_use]
-    pub fn least(&self) -> f32 {
-        let [lower, upper] = self.0;
-        lower.min(upper).min_element()
-    }
-
-    /// Whether the field is zero all over the cell.
-    #[must_use]
-    #[inline]
-    pub fn is_empty(&self) -> bool {
-        let [lower, upper] = self.0;
-        (lower.cmpeq(Vec4::ZERO) & upper.cmpeq(Vec4::ZERO)).all()
-    }
 }
 
 #[cfg(test)]

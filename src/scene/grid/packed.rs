@@ -3,7 +3,11 @@
 //! Such a brick has the samples at all corners of a brick's cells but the first along each axis,
 //! which are those at the last corners of the bricks before it.
 
-use super::{ABSENT, BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Brick, Grid, Known, brick_dims};
+use super::adapted::BrickLevels;
+use super::brick::{CoarseBricks, MAX_BRICK_LEVEL, samples_at};
+use super::{
+    ABSENT, BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Brick, Grid, Known, brick_dims, flatten,
+};
 use crate::formats::{BRICK_VOXELS, BrickEntry, BrickSamples, PAGE_BRICKS};
 use crate::math::unflatten;
 use crate::run::memory;
@@ -12,6 +16,9 @@ use rayon::prelude::*;
 
 /// Corners of a brick's cells that are the first along any axis.
 const SHARED: usize = BRICK_SAMPLES - BRICK_VOXELS;
+
+/// What is told of memory that is not there.
+const WHAT: &str = "the grid of a volume";
 
 /// Bricks whose shared corners are held at a time while they are copied.
 const AT_A_TIME: usize = 4096;
@@ -52,12 +59,6 @@ impl Grid {
         bricks.filter_map(entry).collect()
     }
 
-    /// The grid of a size with these bricks. `read` gives the samples of all bricks of a
-    /// page, of which each but the last has [`PAGE_BRICKS`], by their numbers in it; they are as
-    /// the entries say, and finite. All places are inside.
-    ///
-    /// # Errors
-    /// Those of `read`, the first in the order of pages; a size that memory does not have.
     /// Whether corners of cells beyond its outermost samples have the values of these.
     #[must_use]
     pub fn has_right_borders(&self) -> bool {
@@ -83,65 +84,47 @@ impl Grid {
         self.bricks().filter(is_border).all(is_right)
     }
 
+    /// The grid of a size with these bricks. `read` gives the samples of all bricks of a
+    /// page, of which each but the last has [`PAGE_BRICKS`], by their numbers in it; they are as
+    /// the entries say, and finite. All places are inside.
+    ///
+    /// # Errors
+    /// Those of `read`, the first in the order of pages; a size that memory does not have.
     pub(in crate::scene) fn unpack(
         known: Known,
         entries: &[BrickEntry],
         read: impl Fn(usize, &mut dyn FnMut(usize, &BrickSamples)) -> Result<()> + Sync,
     ) -> Result<Self> {
-        const WHAT: &str = "the grid of a volume";
-        let dims = known.dims;
-        let bricks = brick_dims(dims);
-        let count: usize = bricks.iter().product();
-        memory::check(WHAT, (count * size_of::<u32>()) as u64)?;
-        let mut slots = memory::filled(WHAT, ABSENT, count)?;
-        let place = |[x, y, z]: [usize; 3]| (z * bricks[1] + y) * bricks[0] + x;
-        let of = |entry: &BrickEntry| place(entry.place.map(|c| c as usize));
-        for entry in entries {
-            for i in (0..8_usize).filter(|i| *i == 0 || entry.ends >> (i - 1) & 1 == 1) {
-                let at = std::array::from_fn(|a| entry.place[a] as usize + (i >> a & 1));
-                if (0..3).all(|a| at[a] < bricks[a]) {
-                    slots[place(at)] = 0;
-                }
-            }
-        }
-        let mut stored = Vec::new();
-        for (b, slot) in slots.iter_mut().enumerate().filter(|(_, s)| **s != ABSENT) {
-            *slot = stored.len() as u32;
-            stored.push(b);
-        }
-        let bytes = stored.len() * (BRICK_SAMPLES + 1) * size_of::<f32>();
-        memory::check(WHAT, bytes as u64)?;
-        let mut samples = zeros(WHAT, stored.len() * BRICK_SAMPLES)?;
-        let mut all: Vec<_> = samples.chunks_exact_mut(BRICK_SAMPLES).map(Some).collect();
-        let own = |entry| {
-            let taken = all[slots[of(entry)] as usize].take();
-            taken.ok_or_else(|| Error::input("a brick of a volume is there twice"))
+        Self::unpack_on(&BrickLevels::default(), known, entries, read)
+    }
+
+    /// The same with bricks on levels of their own. Pages without a brick on voxels are not read.
+    pub(super) fn unpack_on(
+        levels: &BrickLevels,
+        known: Known,
+        entries: &[BrickEntry],
+        read: impl Fn(usize, &mut dyn FnMut(usize, &BrickSamples)) -> Result<()> + Sync,
+    ) -> Result<Self> {
+        let bricks = brick_dims(known.dims);
+        let place = |entry: &BrickEntry| flatten(entry.place.map(|c| c as usize), bricks);
+        let marked = marked(levels, known, entries)?;
+        let (mut grid, on_voxels) = Self::on_levels(levels, known, marked)?;
+        let (samples, _) = grid.samples.split_at_mut(on_voxels.len() * BRICK_SAMPLES);
+        let each = samples.chunks_exact_mut(BRICK_SAMPLES).map(Some);
+        let mut each: Vec<_> = each.collect();
+        let own = |entry: &BrickEntry| match levels.of(place(entry)) {
+            0 => match each[grid.slots[place(entry)] as usize].take() {
+                Some(samples) => Ok(Some(samples)),
+                None => Err(Error::input("a brick of a volume is there twice")),
+            },
+            _ => Ok(None),
         };
-        let mut own = entries.iter().map(own).collect::<Result<Vec<_>>>()?;
-        let pages = own.par_chunks_mut(PAGE_BRICKS).enumerate();
-        let read: Vec<Result<()>> = pages
-            .map(|(page, bricks)| {
-                read(page, &mut |i, samples| {
-                    let rows = samples.chunks_exact(BRICK_CELLS).enumerate();
-                    rows.for_each(|(row, from)| {
-                        bricks[i][own_row(row)..][..BRICK_CELLS].copy_from_slice(from);
-                    });
-                })
-            })
-            .collect();
-        read.into_iter().collect::<Result<()>>()?;
-        let mut grid = Self {
-            dims,
-            size: known.size,
-            bricks,
-            slots,
-            samples,
-            maxima: vec![0.0; stored.len()],
-        };
-        for entry in entries {
-            grid.maxima[grid.slots[of(entry)] as usize] = entry.max;
+        let own = entries.iter().map(own).collect::<Result<Vec<_>>>()?;
+        read_own(own, read)?;
+        for entry in entries.iter().filter(|e| levels.of(place(e)) == 0) {
+            grid.maxima[grid.slots[place(entry)] as usize] = entry.max;
         }
-        grid.share_corners(&stored);
+        grid.share_corners(&on_voxels);
         Ok(grid)
     }
 
@@ -160,14 +143,121 @@ impl Grid {
             bricks
                 .zip(maxima)
                 .zip(&shared)
-                .for_each(|((brick, max), shared)| {
-                    for (corner, value) in SHARED_CORNERS.iter().zip(shared) {
-                        let [x, y, z] = corner.map(usize::from);
-                        brick[(z * BRICK_EDGE + y) * BRICK_EDGE + x] = *value;
-                        *max = max.max(*value);
-                    }
-                });
+                .for_each(|((brick, max), shared)| *max = max.max(write_shared(brick, shared)));
         }
+    }
+
+    /// The same on the levels of its bricks, of a grid of which `known` is known.
+    pub(super) fn on_brick_levels(&self, levels: &BrickLevels, known: Known) -> Result<Self> {
+        let count: usize = self.bricks.iter().product();
+        memory::check(WHAT, (count * size_of::<u32>()) as u64)?;
+        let mut marked = memory::filled(WHAT, ABSENT, count)?;
+        marked.par_iter_mut().enumerate().for_each(|(b, slot)| {
+            let brick = self.brick(unflatten(b, self.bricks));
+            if brick.is_some_and(|brick| levels.of(b) == 0 || brick.has_own_samples()) {
+                *slot = 0;
+            }
+        });
+        let (mut grid, on_voxels) = Self::on_levels(levels, known, marked)?;
+        let bricks = grid.samples.par_chunks_exact_mut(BRICK_SAMPLES);
+        let bricks = bricks.zip(&mut grid.maxima).zip(&on_voxels);
+        bricks.for_each(|((samples, max), b)| {
+            if let Some(brick) = self.brick(unflatten(*b, self.bricks)) {
+                samples.copy_from_slice(brick.samples);
+                *max = brick.max;
+            }
+        });
+        let is_behind_coarse = |b: &usize| {
+            let place = unflatten(*b, self.bricks);
+            (1..8).any(|i| {
+                let before = std::array::from_fn(|a| place[a] - (i >> a & 1).min(place[a]));
+                levels.of(flatten(before, self.bricks)) > 0
+            })
+        };
+        let behind: Vec<usize> = (on_voxels.into_par_iter())
+            .filter(is_behind_coarse)
+            .collect();
+        for some in behind.chunks(AT_A_TIME) {
+            let shared = some.par_iter().map(|b| {
+                let mut shared = [0.0; SHARED];
+                grid.shared_corners(unflatten(*b, grid.bricks), &mut shared);
+                shared
+            });
+            let shared: Vec<_> = shared.collect();
+            for (b, shared) in some.iter().zip(&shared) {
+                let slot = grid.slots[*b] as usize;
+                let brick = &mut grid.samples[slot * BRICK_SAMPLES..][..BRICK_SAMPLES];
+                write_shared(brick, shared);
+                grid.maxima[slot] = brick.iter().copied().fold(0.0, f32::max);
+            }
+        }
+        Ok(grid)
+    }
+
+    /// A grid of bricks on levels, those on voxels 0 yet, and the places of these, x fastest, as slots
+    /// have them. Bricks that are `marked` are stored, and others on coarser levels that have samples
+    /// there.
+    fn on_levels(
+        levels: &BrickLevels,
+        known: Known,
+        marked: Vec<u32>,
+    ) -> Result<(Self, Vec<usize>)> {
+        let bricks = brick_dims(known.dims);
+        let has_samples = |level: usize, b: usize| {
+            let mut samples = [0.0; samples_at(1)];
+            let samples = &mut samples[..samples_at(level)];
+            let grid = &levels.coarser[level - 1];
+            grid.write_coarse(level, unflatten(b, bricks), known.max, samples) > 0.0
+        };
+        let stored: [Vec<usize>; MAX_BRICK_LEVEL + 1] = std::array::from_fn(|level| {
+            let is_stored = |b: &usize| {
+                let is_marked = marked[*b] != ABSENT;
+                levels.of(*b) == level && (is_marked || level > 0 && has_samples(level, *b))
+            };
+            match level > levels.coarser.len() {
+                true => Vec::new(),
+                false => (0..marked.len())
+                    .into_par_iter()
+                    .filter(is_stored)
+                    .collect(),
+            }
+        });
+        let mut slots = marked;
+        for (slot, b) in (0..).zip(stored.iter().flatten()) {
+            slots[*b] = slot;
+        }
+        let counts = stored.each_ref().map(Vec::len);
+        let sizes: [usize; MAX_BRICK_LEVEL + 1] =
+            std::array::from_fn(|level| counts[level] * samples_at(level));
+        let (all, all_bricks) = (sizes.iter().sum::<usize>(), counts.iter().sum::<usize>());
+        memory::check(WHAT, ((all + all_bricks) * size_of::<f32>()) as u64)?;
+        let mut samples = zeros(WHAT, all)?;
+        let mut maxima = vec![0.0; all_bricks];
+        let (_, mut samples_left) = samples.split_at_mut(sizes[0]);
+        let (_, mut maxima_left) = maxima.split_at_mut(counts[0]);
+        for (level, grid) in (1..).zip(&levels.coarser) {
+            let (samples, left) = samples_left.split_at_mut(sizes[level]);
+            let (maxima, left_of_maxima) = maxima_left.split_at_mut(counts[level]);
+            (samples_left, maxima_left) = (left, left_of_maxima);
+            let each = samples.par_chunks_exact_mut(samples_at(level)).zip(maxima);
+            each.zip(&stored[level]).for_each(|((samples, max), b)| {
+                *max = grid.write_coarse(level, unflatten(*b, bricks), known.max, samples);
+            });
+        }
+        let grid = Self {
+            dims: known.dims,
+            size: known.size,
+            bricks,
+            slots,
+            samples,
+            maxima,
+            coarse: match levels.coarser[..] {
+                [] => CoarseBricks::NONE,
+                _ => CoarseBricks::new(counts),
+            },
+        };
+        let [on_voxels, ..] = stored;
+        Ok((grid, on_voxels))
     }
 
     /// The samples at the first corners of brick `b`, in the order of [`SHARED_CORNERS`].
@@ -187,10 +277,63 @@ impl Grid {
             });
             let which = corner.map(|i| usize::from(i == 0));
             let brick = &before[which[0] | which[1] << 1 | which[2] << 2];
-            let at = (z * BRICK_EDGE + y) * BRICK_EDGE + x;
-            *out = brick.as_ref().map_or(0.0, |brick| brick.samples[at]);
+            *out = (brick.as_ref()).map_or(0.0, |brick| brick.at_corner([x, y, z]));
         }
     }
+}
+
+/// Which bricks have samples of their own or, on voxels, share any with those before them: 0 for these,
+/// [`ABSENT`] for others.
+fn marked(levels: &BrickLevels, known: Known, entries: &[BrickEntry]) -> Result<Vec<u32>> {
+    let bricks = brick_dims(known.dims);
+    let count: usize = bricks.iter().product();
+    memory::check(WHAT, (count * size_of::<u32>()) as u64)?;
+    let mut slots = memory::filled(WHAT, ABSENT, count)?;
+    for entry in entries {
+        let place = entry.place.map(|c| c as usize);
+        slots[flatten(place, bricks)] = 0;
+        for i in (1..8_usize).filter(|i| entry.ends >> (i - 1) & 1 == 1) {
+            let behind: [usize; 3] = std::array::from_fn(|a| place[a] + (i >> a & 1));
+            let is_inside = (0..3).all(|a| behind[a] < bricks[a]);
+            if is_inside && levels.of(flatten(behind, bricks)) == 0 {
+                slots[flatten(behind, bricks)] = 0;
+            }
+        }
+    }
+    Ok(slots)
+}
+
+/// Writes the first corners of a brick; returns the largest.
+fn write_shared(brick: &mut [f32], shared: &[f32; SHARED]) -> f32 {
+    let mut largest = 0.0_f32;
+    for (corner, value) in SHARED_CORNERS.iter().zip(shared) {
+        let [x, y, z] = corner.map(usize::from);
+        brick[(z * BRICK_EDGE + y) * BRICK_EDGE + x] = *value;
+        largest = largest.max(*value);
+    }
+    largest
+}
+
+/// Has the samples of bricks read, in the order of pages, but for those that are `None`.
+fn read_own(
+    mut own: Vec<Option<&mut [f32]>>,
+    read: impl Fn(usize, &mut dyn FnMut(usize, &BrickSamples)) -> Result<()> + Sync,
+) -> Result<()> {
+    let pages = own.par_chunks_mut(PAGE_BRICKS).enumerate();
+    let needed = pages.filter(|(_, bricks)| bricks.iter().any(Option::is_some));
+    let read: Vec<Result<()>> = needed
+        .map(|(page, bricks)| {
+            read(page, &mut |i, samples| {
+                let rows = samples.chunks_exact(BRICK_CELLS).enumerate();
+                if let Some(own) = &mut bricks[i] {
+                    rows.for_each(|(row, from)| {
+                        own[own_row(row)..][..BRICK_CELLS].copy_from_slice(from);
+                    });
+                }
+            })
+        })
+        .collect();
+    read.into_iter().collect()
 }
 
 /// Corners of a brick's cells that are the first along any axis.
@@ -223,6 +366,7 @@ fn zeros(what: &str, count: usize) -> Result<Vec<f32>> {
 mod tests {
     use super::*;
     use crate::formats::BrickTable;
+    use crate::math::sampling;
 
     fn known(grid: &Grid) -> Known {
         Known {
@@ -258,9 +402,10 @@ mod tests {
             let sparse = |v: [usize; 3]| f32::from(dense(v) as usize % 997 == 3) * dense(v);
             let lump = |v: [usize; 3]| if v[0] < 8 && v[2] > 15 { dense(v) } else { 0.0 };
             let speck = |v: [usize; 3]| f32::from((0..3).all(|a| v[a] + 1 == dims[a].min(16)));
+            let noise = |v: [usize; 3]| sampling::unit(sampling::hash(&v.map(|c| c as u64)));
             let empty = |_: [usize; 3]| 0.0;
-            let fields: [&(dyn Fn([usize; 3]) -> f32 + Sync); 5] =
-                [&dense, &sparse, &lump, &speck, &empty];
+            let fields: [&(dyn Fn([usize; 3]) -> f32 + Sync); 6] =
+                [&dense, &sparse, &lump, &speck, &noise, &empty];
             for (i, field) in fields.into_iter().enumerate() {
                 let grid = Grid::from_fn(dims, field);
                 assert!(again(&grid) == grid, "{dims:?}, field {i}");

@@ -4,7 +4,7 @@
 //! then y, then z, `((a + b) + (c + d)) + ((e + f) + (g + h))`, times one over their number. A voxel
 //! that is not in the grid adds 0. So a level is the same whatever made it and in whatever order.
 
-use super::{BRICK_CELLS, BRICK_EDGE, Grid, Layout, VolumeGrid, VoxelBox};
+use super::{BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Brick, Grid, Layout, VolumeGrid, VoxelBox};
 use std::convert::Infallible;
 use std::sync::OnceLock;
 
@@ -71,7 +71,9 @@ impl Grid {
     /// Writes the samples of a box of voxels, x fastest, over what is 0.
     pub(in crate::scene) fn read(&self, voxels: &VoxelBox, samples: &mut [f32]) {
         let [nx, ny, _] = voxels.dims;
+        let mut buffer = [0.0; BRICK_SAMPLES];
         self.each_brick_of(voxels, |b, brick| {
+            let brick = brick.on_voxels(&mut buffer);
             // Sample s of a brick is that of the voxel at its first corner minus one.
             let along: [_; 3] = std::array::from_fn(|a| {
                 let first = (b[a] * BRICK_CELLS).max(voxels.first[a] + 1);
@@ -94,7 +96,7 @@ impl Grid {
 
     /// Gives the stored bricks to which the samples of a box of voxels belong, each of one brick
     /// alone, and their samples to `take`.
-    fn each_brick_of(&self, voxels: &VoxelBox, mut take: impl FnMut([usize; 3], &[f32])) {
+    fn each_brick_of(&self, voxels: &VoxelBox, mut take: impl FnMut([usize; 3], Brick<'_>)) {
         // Corner c of cell space is sample c - 1.
         let along = |a: usize| {
             let first = voxels.first[a] + 1;
@@ -104,7 +106,7 @@ impl Grid {
             for y in along(1) {
                 for x in along(0) {
                     if let Some(brick) = self.brick([x, y, z]) {
-                        take([x, y, z], brick.samples);
+                        take([x, y, z], brick);
                     }
                 }
             }
@@ -114,7 +116,7 @@ impl Grid {
 
 /// Means over cubes of two an edge of samples, of which there are so many along each axis, x
 /// fastest; those at the far ends may hold fewer.
-fn halve(samples: &[f32], [nx, ny, nz]: [usize; 3], means: &mut [f32]) {
+pub(super) fn halve(samples: &[f32], [nx, ny, nz]: [usize; 3], means: &mut [f32]) {
     let width = nx.div_ceil(2);
     let height = ny.div_ceil(2);
     for (row, means) in means.chunks_exact_mut(width).enumerate() {

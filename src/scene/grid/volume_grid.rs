@@ -1,6 +1,9 @@
 //! The grid of a volume: in memory, or in a file until it is first looked into.
 
+use super::adapted::Errors;
+use super::brick::CoarseBricks;
 use super::{ABSENT, BRICK_SAMPLES, Grid, brick_dims};
+use crate::formats::{BrickEntry, BrickSamples};
 use crate::{Error, Result};
 use std::fmt::Debug;
 use std::ops::Deref;
@@ -16,6 +19,23 @@ pub trait StoredLevels: Debug + Send + Sync {
     /// # Errors
     /// Damage, no memory for it, or a stop on request.
     fn read(&self, level: usize) -> Result<Grid>;
+
+    /// The bricks of a level whose errors on coarser ones are known.
+    fn bricks(&self, level: usize) -> Option<StoredBricks<'_>>;
+}
+
+/// Gives the samples of all bricks of a page to another, with their numbers in it.
+type ReadPage<'a> =
+    Box<dyn Fn(usize, &mut dyn FnMut(usize, &BrickSamples)) -> Result<()> + Sync + 'a>;
+
+/// The bricks of a stored level.
+pub struct StoredBricks<'a> {
+    /// What the file says of each.
+    pub entries: &'a [BrickEntry],
+    /// Their errors on coarser levels.
+    pub errors: &'a [Errors],
+    /// Reads a page of them.
+    pub read: ReadPage<'a>,
 }
 
 /// What is known of a grid without its samples.
@@ -41,6 +61,8 @@ pub struct VolumeGrid(Arc<Shared>);
 struct Shared {
     known: Known,
     stored: Option<(Arc<dyn StoredLevels>, usize)>,
+    /// The next coarser one, if that is made of another than this.
+    coarser: Option<VolumeGrid>,
     /// The grid once it was asked for; an empty one, and why, if it cannot be read.
     read: OnceLock<(Grid, Option<Error>)>,
 }
@@ -56,6 +78,7 @@ impl From<Grid> for VolumeGrid {
         Self(Arc::new(Shared {
             known,
             stored: None,
+            coarser: None,
             read: OnceLock::from((grid, None)),
         }))
     }
@@ -68,6 +91,7 @@ impl VolumeGrid {
         Some(Self(Arc::new(Shared {
             known: levels.known(level)?,
             stored: Some((Arc::clone(levels), level)),
+            coarser: None,
             read: OnceLock::new(),
         })))
     }
@@ -75,6 +99,9 @@ impl VolumeGrid {
     /// The same field on voxels of twice the edge.
     #[must_use]
     pub fn coarser(&self) -> Self {
+        if let Some(coarser) = &self.0.coarser {
+            return coarser.clone();
+        }
         let next = self.0.stored.as_ref();
         let stored = next.and_then(|(levels, level)| Self::stored(levels, level + 1));
         stored.unwrap_or_else(|| {
@@ -90,9 +117,35 @@ impl VolumeGrid {
             Self(Arc::new(Shared {
                 known,
                 stored: None,
+                coarser: None,
                 read: OnceLock::from((Grid::empty(known), Some(error))),
             }))
         })
+    }
+
+    /// Another grid of the same field, whose coarser ones are those of this.
+    pub(super) fn with_bricks(&self, grid: Grid, coarser: Self) -> Self {
+        let known = Known {
+            bricks: grid.maxima.len(),
+            ..self.0.known
+        };
+        Self(Arc::new(Shared {
+            known,
+            stored: None,
+            coarser: Some(coarser),
+            read: OnceLock::from((grid, None)),
+        }))
+    }
+
+    /// What is known of it without its samples.
+    pub(super) fn known(&self) -> Known {
+        self.0.known
+    }
+
+    /// Its bricks where they are stored, if their errors on coarser levels are.
+    pub(super) fn in_file(&self) -> Option<StoredBricks<'_>> {
+        let (levels, level) = self.0.stored.as_ref()?;
+        levels.bricks(*level)
     }
 
     /// Reads it if that has not been done.
@@ -123,6 +176,7 @@ impl VolumeGrid {
             known,
             stored,
             read,
+            ..
         } = &*self.0;
         if let Some(read) = read.get() {
             return read;
@@ -230,6 +284,7 @@ impl Grid {
             slots: vec![ABSENT; bricks.iter().product()],
             samples: Vec::new(),
             maxima: Vec::new(),
+            coarse: CoarseBricks::NONE,
         }
     }
 }
@@ -259,6 +314,10 @@ mod tests {
                 0 => Ok(Grid::from_fn([4; 3], |_| 7.0)),
                 _ => Err(Error::input("page 3")),
             }
+        }
+
+        fn bricks(&self, _: usize) -> Option<StoredBricks<'_>> {
+            None
         }
     }
 

@@ -2,12 +2,14 @@
 
 use super::PackedScene;
 use super::instances;
+use crate::column::Column;
 use crate::formats::{
-    MediaLevel, Packed, PackedCamera, PackedCameraKey, PackedColumn, PackedEnvironment,
-    PackedLight, PackedMaterial, PackedMeta, PackedTexture, PackedVolume, PackedWrap,
+    BrickSamples, MediaLevel, Packed, PackedCamera, PackedCameraKey, PackedColumn,
+    PackedEnvironment, PackedLight, PackedMaterial, PackedMeta, PackedTexture, PackedVolume,
+    PackedWrap,
 };
 use crate::run::{Cancel, size};
-use crate::scene::grid::{Known, StoredLevels, VolumeGrid};
+use crate::scene::grid::{Errors, Known, StoredBricks, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
     AlbedoGrid, Camera, CameraKey, Emission, EmissiveVolume, EnvironmentImage, Film, Grid, Lens,
@@ -375,6 +377,7 @@ fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
     let levels: Arc<dyn StoredLevels> = Arc::new(PackedLevels {
         packed: packed.clone(),
         levels: levels.collect::<Result<_>>()?,
+        errors: packed.column(PackedColumn::BrickErrors, i as u32)?,
         cancel: cancel.clone(),
     });
     let grid = VolumeGrid::stored(&levels, 0)
@@ -396,6 +399,8 @@ fn volume(packed: &PackedScene, i: usize, info: &PackedVolume, cancel: &Cancel) 
 struct PackedLevels {
     packed: PackedScene,
     levels: Vec<MediaLevel>,
+    /// Errors of the bricks of the first levels on coarser ones, if there are any.
+    errors: Column<Errors>,
     cancel: Cancel,
 }
 
@@ -420,11 +425,35 @@ impl StoredLevels for PackedLevels {
         let table = self.levels.get(level).ok_or_else(none)?;
         let known = self.known(level).ok_or_else(none)?;
         Grid::unpack(known, table.table().entries(), |page, take| {
-            self.cancel.check()?;
-            let file = self.packed.file();
-            file.media_page(table, page, take)?;
-            file.release_page(table, page);
-            Ok(())
+            self.page(table, page, take)
         })
+    }
+
+    fn bricks(&self, level: usize) -> Option<StoredBricks<'_>> {
+        let before = self.levels.iter().take(level);
+        let before: usize = before.map(|l| l.table().entries().len()).sum();
+        let table = self.levels.get(level)?;
+        let entries = table.table().entries();
+        Some(StoredBricks {
+            entries,
+            errors: self.errors.get(before..before + entries.len())?,
+            read: Box::new(move |page, take| self.page(table, page, take)),
+        })
+    }
+}
+
+impl PackedLevels {
+    /// Gives the samples of the bricks of a page to another, with their numbers in it.
+    fn page(
+        &self,
+        level: &MediaLevel,
+        page: usize,
+        take: &mut dyn FnMut(usize, &BrickSamples),
+    ) -> Result<()> {
+        self.cancel.check()?;
+        let file = self.packed.file();
+        file.media_page(level, page, take)?;
+        file.release_page(level, page);
+        Ok(())
     }
 }

@@ -139,6 +139,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
             lenses: lenses(scene),
             extinction_colors: extinction_colors(scene),
             albedo_grids: albedo_grids(scene),
+            brick_errors: brick_errors(scene, tables),
             instances: instances::description(mesh),
         },
     }
@@ -316,6 +317,16 @@ fn albedo_grids(scene: &Scene) -> Vec<u32> {
     varying.map(|(volume, _)| volume).collect()
 }
 
+/// Media that may stand on levels by brick.
+fn brick_errors(scene: &Scene, tables: &LevelTables) -> Vec<u32> {
+    let media = (0..).zip(scene.volumes.iter().zip(tables));
+    let has_errors = |v: &Volume, tables: &[BrickTable]| {
+        v.albedo_grid.is_none() && volume(v, tables).bricks_with_errors() > 0
+    };
+    let large = media.filter(|(_, (v, tables))| has_errors(v, tables));
+    large.map(|(i, _)| i).collect()
+}
+
 /// Of media that stop red, green and blue unlike.
 fn extinction_colors(scene: &Scene) -> Vec<ExtinctionColor> {
     let media = (0..).zip(&scene.volumes);
@@ -373,7 +384,12 @@ fn volume(volume: &Volume, tables: &[BrickTable]) -> PackedVolume {
 ///
 /// # Errors
 /// As [`PackedWriter::column`], and if cancelled.
-pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Result<()> {
+pub fn columns(
+    scene: &Scene,
+    tables: &LevelTables,
+    writer: &mut PackedWriter,
+    cancel: &Cancel,
+) -> Result<()> {
     check_machine()?;
     let mut column = |column: PackedColumn, item: u32, rows: &[u8]| match rows.is_empty() {
         true => Ok(()),
@@ -426,6 +442,16 @@ pub fn columns(scene: &Scene, writer: &mut PackedWriter, cancel: &Cancel) -> Res
     if let Some(image) = &scene.environment_image {
         let rows = bytemuck::cast_slice(image.texels());
         column(PackedColumn::Environment, 0, rows)?;
+    }
+    for i in brick_errors(scene, tables) {
+        let (of, tables) = (&scene.volumes[i as usize], &tables[i as usize]);
+        let levels = volume(of, tables).levels_of_many_voxels();
+        let errors = (0..levels).zip(tables).map(|(level, table)| {
+            cancel.check()?;
+            of.level(level).errors_of_bricks(table.entries())
+        });
+        let errors = errors.collect::<Result<Vec<_>>>()?.concat();
+        column(PackedColumn::BrickErrors, i, bytemuck::cast_slice(&errors))?;
     }
     Ok(())
 }

@@ -178,11 +178,15 @@ impl PackedMeta {
         let sky = self.environment.as_ref();
         let sky = sky.map_or(0, |e| u64::from(e.width) * u64::from(e.height));
         let sky = [(PackedColumn::Environment, 0, sky)];
+        let errors = self.parts.brick_errors.iter().filter_map(|&i| {
+            let volume = self.volumes.get(i as usize)?;
+            Some((PackedColumn::BrickErrors, i, volume.bricks_with_errors()))
+        });
         let rest = [
             (PackedColumn::Tree, 0, self.tree_bytes),
             (PackedColumn::Light, 0, self.light_bytes),
         ];
-        let all = whole.chain(images).chain(textures).chain(sky);
+        let all = whole.chain(images).chain(textures).chain(sky).chain(errors);
         let all = all.chain(nodes).chain(blocks).chain(rest);
         all.filter(|(_, _, rows)| *rows > 0)
             .map(|(column, item, rows)| ColumnRows { column, item, rows })

@@ -32,6 +32,9 @@ pub struct PackedParts {
     /// What is stored once and placed many times.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instances: Option<PackedInstances>,
+    /// Numbers of media of which a column has the errors of bricks on coarser levels, rising.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub brick_errors: Vec<u32>,
 }
 
 /// Numbers of parts.
@@ -41,6 +44,7 @@ const LENSES: u32 = 3;
 const EXTINCTION_COLORS: u32 = 4;
 const ALBEDO_GRIDS: u32 = 5;
 const INSTANCES: u32 = 6;
+const BRICK_ERRORS: u32 = 7;
 
 /// A texture that is a factor on the emission of a material.
 #[derive(
@@ -133,10 +137,10 @@ impl bincode::Encode for PackedParts {
         parts::encode(LENSES, &self.lenses, encoder)?;
         parts::encode(EXTINCTION_COLORS, &self.extinction_colors, encoder)?;
         parts::encode(ALBEDO_GRIDS, &self.albedo_grids, encoder)?;
-        match &self.instances {
-            Some(instances) => (INSTANCES, instances).encode(encoder),
-            None => Ok(()),
+        if let Some(instances) = &self.instances {
+            (INSTANCES, instances).encode(encoder)?;
         }
+        parts::encode(BRICK_ERRORS, &self.brick_errors, encoder)
     }
 }
 
@@ -152,6 +156,7 @@ impl<C> bincode::Decode<C> for PackedParts {
                 EXTINCTION_COLORS => found.extinction_colors = parts::some(decoder)?,
                 ALBEDO_GRIDS => found.albedo_grids = parts::some(decoder)?,
                 INSTANCES => found.instances = Some(PackedInstances::decode(decoder)?),
+                BRICK_ERRORS => found.brick_errors = parts::some(decoder)?,
                 _ => return Err(parts::UNKNOWN),
             }
         }
@@ -190,6 +195,14 @@ impl PackedParts {
         )?;
         self.lenses.iter().try_for_each(|l| l.validate(cameras))?;
         self.check_albedo_grids(media, albedos)?;
+        let of = &self.brick_errors;
+        let has_bricks = |v: &u32| media[*v as usize].bricks_with_errors() > 0;
+        check(
+            are_in_order(of.iter().copied(), media.len()) && of.iter().all(has_bricks),
+            &|| "errors of bricks".to_owned(),
+            &format!("some of {} media, in order, of many voxels", media.len()),
+            of,
+        )?;
         let of = &self.extinction_colors;
         check(
             are_in_order(of.iter().map(|of| of.volume), media.len())

@@ -122,4 +122,25 @@ impl PackedVolume {
     pub fn brick_dims(&self, level: usize) -> [u64; 3] {
         self.dims_of_level(level).map(|n| u64::from(n) / 8 + 1)
     }
+
+    /// Voxels from which on the errors of the bricks of a level on coarser ones are worth a column.
+    pub const MANY_VOXELS: u64 = 1 << 22;
+
+    /// Levels of so many voxels, the finest first.
+    #[must_use]
+    pub fn levels_of_many_voxels(&self) -> usize {
+        let voxels = |level| {
+            let dims = self.dims_of_level(level).into_iter();
+            dims.fold(1, |n: u64, d| n.saturating_mul(d.into()))
+        };
+        let is_large = |level: &usize| voxels(*level) >= Self::MANY_VOXELS;
+        (0..self.levels.len()).take_while(is_large).count()
+    }
+
+    /// Bricks of these levels.
+    #[must_use]
+    pub fn bricks_with_errors(&self) -> u64 {
+        let levels = &self.levels[..self.levels_of_many_voxels()];
+        levels.iter().fold(0, |n, bricks| n.saturating_add(*bricks))
+    }
 }

@@ -1,0 +1,250 @@
+//! Bricks on the levels of a pyramid: their samples, and the error of these.
+
+use super::brick::{Brick, edge_at, samples_at};
+use super::pyramid::halve;
+use super::{BRICK_CELLS, BRICK_EDGE, Grid, VoxelBox};
+
+/// Weights of four samples of a level in a sample of a brick on it, along an axis, the second of which
+/// is the nearest before.
+///
+/// Means over voxels, and what is interpolated in them, are blurred: a sample is the value there,
+/// `3/4` of the second and `1/4` of the third for cells of two voxels, less a share of the second
+/// difference, so that the variance of all together is that of the finest grid. Sums stay the same.
+fn taps(level: usize) -> [f32; 4] {
+    let width = (1 << level) as f32;
+    let f = 0.5 - 0.5 / width;
+    let sharpen = 0.25 - 0.25 / (width * width);
+    let [near, far] = [1.0 - f, f];
+    [
+        -sharpen * near,
+        near + sharpen * (2.0 * near - far),
+        far + sharpen * (2.0 * far - near),
+        -sharpen * far,
+    ]
+}
+
+#[inline]
+fn filtered(taps: [f32; 4], samples: [f32; 4]) -> f32 {
+    let [a, b, c, d] = std::array::from_fn(|i| taps[i] * samples[i]);
+    (b + c) + (a + d)
+}
+
+/// Samples of a level along an axis that those of a brick on it are made of, at most.
+const WIDEST: usize = edge_at(1) + 3;
+
+/// The samples of a level that those of a brick on it are made of: from the last before it along each
+/// axis on, x innermost.
+type Around = [[[f32; WIDEST]; WIDEST]; WIDEST];
+
+/// Writes the samples of a brick on a level, none above `most`; returns the largest.
+fn write_filtered<const LEVEL: usize>(around: &Around, most: f32, out: &mut [f32]) -> f32 {
+    let edge = const { edge_at(LEVEL) };
+    let width = edge + 3;
+    let taps = taps(LEVEL);
+    let mut faces = [[[0.0; edge_at(1)]; edge_at(1)]; WIDEST];
+    for (face, rows) in faces[..width].iter_mut().zip(around) {
+        let mut filtered_rows = [[0.0; edge_at(1)]; WIDEST];
+        for (row, samples) in filtered_rows[..width].iter_mut().zip(rows) {
+            for x in 0..edge {
+                row[x] = filtered(taps, [0, 1, 2, 3].map(|i| samples[x + i]));
+            }
+        }
+        for y in 0..edge {
+            for x in 0..edge {
+                face[y][x] = filtered(taps, [0, 1, 2, 3].map(|i| filtered_rows[y + i][x]));
+            }
+        }
+    }
+    let mut largest = 0.0_f32;
+    for (row, out) in out.chunks_exact_mut(edge).enumerate() {
+        let (y, z) = (row % edge, row / edge);
+        for x in 0..edge {
+            let value = filtered(taps, [0, 1, 2, 3].map(|i| faces[z + i][y][x]));
+            out[x] = value.clamp(0.0, most);
+            largest = largest.max(out[x]);
+        }
+    }
+    largest
+}
+
+impl Grid {
+    /// Writes the samples of the brick at `b` of a grid of which this one is the level `level`, none above
+    /// `most`; returns the largest.
+    pub(super) fn write_coarse(
+        &self,
+        level: usize,
+        b: [usize; 3],
+        most: f32,
+        out: &mut [f32],
+    ) -> f32 {
+        match level {
+            1 => self.write_coarse_on::<1>(b, most, out),
+            2 => self.write_coarse_on::<2>(b, most, out),
+            _ => self.write_coarse_on::<3>(b, most, out),
+        }
+    }
+
+    fn write_coarse_on<const LEVEL: usize>(
+        &self,
+        b: [usize; 3],
+        most: f32,
+        out: &mut [f32],
+    ) -> f32 {
+        let width = const { edge_at(LEVEL) + 3 };
+        // Corners of cells of this grid, from the one before the first of the brick on.
+        let first = b.map(|b| ((b * BRICK_CELLS) >> LEVEL) as isize - 1);
+        let base = first.map(|c| c.max(0) as usize / BRICK_CELLS);
+        let bricks: [Option<Brick<'_>>; 8] = std::array::from_fn(|i| {
+            let at: [usize; 3] = std::array::from_fn(|a| base[a] + (i >> a & 1));
+            (0..3)
+                .all(|a| at[a] < self.bricks[a])
+                .then(|| self.brick(at))?
+        });
+        if bricks.iter().all(Option::is_none) {
+            out.fill(0.0);
+            return 0.0;
+        }
+        // Along each axis, which of the bricks has a corner, and where in that it is.
+        let along: [[(usize, usize); WIDEST]; 3] = std::array::from_fn(|a| {
+            std::array::from_fn(|i| {
+                let corner = (first[a] + i as isize).max(0) as usize;
+                let corner = corner.min(self.dims[a]);
+                (corner / BRICK_CELLS - base[a], corner % BRICK_CELLS)
+            })
+        });
+        let [xs, ys, zs] = along.each_ref().map(|along| &along[..width]);
+        let is_inside = first[0] >= 0 && first[0] as usize + width <= self.dims[0];
+        let in_first = (BRICK_CELLS - xs[0].1).min(width);
+        let mut around = [[[0.0; WIDEST]; WIDEST]; WIDEST];
+        for (rows, (bz, kz)) in around.iter_mut().zip(zs) {
+            for (row, (by, ky)) in rows.iter_mut().zip(ys) {
+                let from = (kz * BRICK_EDGE + ky) * BRICK_EDGE;
+                let samples = [0, 1].map(|bx| {
+                    let brick = bricks[bz << 2 | by << 1 | bx].as_ref();
+                    brick.map(|brick| &brick.samples[from..from + BRICK_EDGE])
+                });
+                if !is_inside {
+                    for ((bx, kx), sample) in xs.iter().zip(row) {
+                        *sample = samples[*bx].map_or(0.0, |samples| samples[*kx]);
+                    }
+                    continue;
+                }
+                if let Some(samples) = samples[0] {
+                    row[..in_first].copy_from_slice(&samples[xs[0].1..][..in_first]);
+                }
+                if let Some(samples) = samples[1] {
+                    row[in_first..width].copy_from_slice(&samples[..width - in_first]);
+                }
+            }
+        }
+        write_filtered::<LEVEL>(&around, most, out)
+    }
+
+    /// The largest error of the brick at `b` on level 1, or any above `most`, without that level; none of
+    /// its samples is above `most_of_all`. `None` if it has no samples of its own.
+    pub(super) fn error_on_first(
+        &self,
+        b: [usize; 3],
+        [most_of_all, most]: [f32; 2],
+    ) -> Option<f32> {
+        let brick = self.brick(b).filter(Brick::has_own_samples)?;
+        let last = self.dims.map(|n| (n.div_ceil(2) - 1) as isize);
+        // Corner c of cells is sample c - 1.
+        let first = b.map(|b| (b * BRICK_CELLS / 2) as isize - 2);
+        let sample = |a: usize, i: usize| (first[a] + i as isize).clamp(0, last[a]) as usize;
+        let from: [usize; 3] = std::array::from_fn(|a| sample(a, 0));
+        let voxels = VoxelBox {
+            first: from.map(|c| 2 * c),
+            dims: std::array::from_fn(|a| {
+                (2 * sample(a, WIDEST - 1) + 2).min(self.dims[a]) - 2 * from[a]
+            }),
+        };
+        let mut samples = vec![0.0; voxels.count()];
+        self.read(&voxels, &mut samples);
+        let dims = voxels.dims.map(|n| n.div_ceil(2));
+        let mut means = vec![0.0; dims.iter().product()];
+        halve(&samples, voxels.dims, &mut means);
+        let mean = |at: [usize; 3]| {
+            let [x, y, z]: [usize; 3] = std::array::from_fn(|a| sample(a, at[a]) - from[a]);
+            means[(z * dims[1] + y) * dims[0] + x]
+        };
+        let around: Around = std::array::from_fn(|z| {
+            std::array::from_fn(|y| std::array::from_fn(|x| mean([x, y, z])))
+        });
+        let mut samples = [0.0; samples_at(1)];
+        let coarse = Brick {
+            max: write_filtered::<1>(&around, most_of_all, &mut samples),
+            samples: &samples,
+            level: 1,
+        };
+        Some(brick.error_of(&coarse, most))
+    }
+
+    /// The largest sample around the brick at `b` of a grid of which this one is the level `level`.
+    pub(super) fn most_around(&self, level: usize, b: [usize; 3]) -> f32 {
+        let first = b.map(|b| (b * BRICK_CELLS) >> level);
+        let around = (0..8).filter_map(|i| {
+            let cell: [usize; 3] = std::array::from_fn(|a| {
+                let last = first[a] + (i >> a & 1) * (BRICK_CELLS >> level);
+                last.min(self.dims[a])
+            });
+            self.brick(cell.map(|c| c / BRICK_CELLS))
+        });
+        around.fold(0.0, |most, brick| most.max(brick.max))
+    }
+}
+
+impl Brick<'_> {
+    /// Whether a sample is not 0 that it does not share with a brick before it.
+    pub(super) fn has_own_samples(&self) -> bool {
+        let layers = self.samples.chunks_exact(BRICK_EDGE * BRICK_EDGE).skip(1);
+        let mut rows = layers.flat_map(|layer| layer.chunks_exact(BRICK_EDGE).skip(1));
+        rows.any(|row| row[1..].iter().any(|v| *v != 0.0))
+    }
+
+    /// The largest error of the brick at `b` on a coarser level, of which `coarser` is the grid, or
+    /// any above `most`.
+    pub(super) fn error_on(
+        &self,
+        coarser: &Grid,
+        level: usize,
+        b: [usize; 3],
+        [most_of_all, most]: [f32; 2],
+    ) -> f32 {
+        let mut samples = [0.0; samples_at(1)];
+        let samples = &mut samples[..samples_at(level)];
+        let max = coarser.write_coarse(level, b, most_of_all, samples);
+        self.error_of(
+            &Brick {
+                samples,
+                max,
+                level,
+            },
+            most,
+        )
+    }
+
+    /// The largest error of another brick in its place, or any above `most`.
+    fn error_of(&self, coarse: &Brick<'_>, most: f32) -> f32 {
+        let mut layer = [0.0; BRICK_EDGE * BRICK_EDGE];
+        let mut error = 0.0_f32;
+        let layers = self.samples.chunks_exact(BRICK_EDGE * BRICK_EDGE);
+        for (z, fine) in layers.enumerate() {
+            // Eight at a time: one after the other would wait for each other.
+            let coarse = coarse.layer(z, &mut layer);
+            let mut errors = [0.0_f32; 8];
+            let both = fine.chunks_exact(8).zip(coarse.chunks_exact(8));
+            for (fine, coarse) in both {
+                for i in 0..8 {
+                    errors[i] = errors[i].max((fine[i] - coarse[i]).abs());
+                }
+            }
+            let last = (fine[fine.len() - 1] - coarse[fine.len() - 1]).abs();
+            error = errors.into_iter().fold(error.max(last), f32::max);
+            if error > most {
+                break;
+            }
+        }
+        error
+    }
+}
