@@ -42,6 +42,9 @@ impl Densities {
 
     /// Extinction of all media together in a brick of the volume whose own densest sample is `own`.
     pub fn of_all(&self, brick: [usize; 3], own: f32) -> f32 {
+        if own == 0.0 {
+            return 0.0;
+        }
         let of_brick = self.of(brick);
         of_brick * (of_brick / own)
     }

@@ -102,8 +102,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         let mut marched = 0;
         let voxel = self.view.tracer.volumes[0].longest_voxel_edge();
         let shows_voxels = |edge, distance| self.view.shows_voxels(edge * voxel, distance);
-        cells.each_by_middle(shows_voxels, |cell| {
-            marched += 1;
+        let mut add = |camera_ray: &mut CameraRay<G>, cell: RayInVolume| {
             let seen = camera_ray.passed.transmittance.most();
             if seen < OPAQUE {
                 camera_ray.pass(cell.tau);
@@ -142,6 +141,19 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             stretch.add(cell);
             open = Some(stretch);
             true
+        };
+        cells.each_by_middle(shows_voxels, |cell| {
+            marched += 1;
+            if cell.far - cell.near <= 3.0_f32.sqrt() * voxel {
+                return add(&mut camera_ray, cell);
+            }
+            // Light may change within a coarse cell.
+            let middle = ray.at(0.5 * (cell.near + cell.far));
+            let longest = (self.front_spacing(0, middle)).unwrap_or_else(|| {
+                (self.least_spacing(0, middle)).max(camera_ray.memo.evenly_lit())
+            });
+            let mut parts = cell.parts(longest.max(voxel));
+            parts.all(|part| add(&mut camera_ray, part))
         });
         if let Some(stretch) = open.take() {
             camera_ray.add_stretch(stretch);

@@ -12,9 +12,9 @@ use crate::view::VisibleMedia;
 pub fn bytes_for(scene: &Scene, shows_no_voxels: impl Fn(&Volume) -> bool) -> u64 {
     let copies = |v: &Volume| {
         let bytes = v.sigma_t.bytes() as u64;
-        // A grid of a file is read as far as it is not coarser: there is no second one.
+        // Of a grid of a file no more is read than its bricks take; one in memory gets a second one.
         match v.sigma_t.is_read() && v.has_many_voxels() {
-            true => bytes / 4 * 3,
+            true => bytes,
             false => bytes / 2,
         }
     };

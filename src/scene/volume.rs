@@ -2,9 +2,9 @@
 
 use super::Grid;
 use super::albedo_grid::{AlbedoGrid, has_step, mean_over};
-use super::grid::{Allowed, BRICK_CELLS, Pyramid, VolumeGrid, VoxelBox};
+use super::grid::{Allowed, BRICK_CELLS, Errors, Pyramid, VolumeGrid, VoxelBox};
 use crate::Result;
-use crate::formats::PackedVolume;
+use crate::formats::{BrickEntry, PackedVolume};
 use crate::math::{Aabb, PhaseFunction, Rgb};
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
@@ -188,12 +188,15 @@ impl Volume {
         Ok(self.sigma_t.adapted(allowed)?.map(with_grid))
     }
 
-    /// Whether it has so many voxels that shadows of each are too many to be exact, and bricks are worth
-    /// levels of their own.
+    /// Voxels from which on shadows of each are too many to be exact, and bricks are worth levels of their
+    /// own.
+    const MANY_VOXELS: u64 = PackedVolume::MANY_VOXELS;
+
+    /// Whether it has as many.
     #[must_use]
     pub fn has_many_voxels(&self) -> bool {
         let voxels: usize = self.sigma_t.dims().iter().product();
-        voxels as u64 >= PackedVolume::MANY_VOXELS
+        voxels as u64 >= Self::MANY_VOXELS
     }
 
     /// The middle of a brick of cells, in scene space.
@@ -246,6 +249,20 @@ impl Volume {
         Ok(true)
     }
 
+    /// The errors of the bricks of a level on the three above it, in the order of their entries; all
+    /// are read.
+    ///
+    /// # Errors
+    /// As [`Volume::ready`], for these levels.
+    pub(super) fn errors_of_bricks(
+        &self,
+        level: usize,
+        entries: &[BrickEntry],
+    ) -> Result<Vec<Errors>> {
+        let coarser = [1, 2, 3].map(|above| self.level(level + above));
+        self.level(level).errors_of_bricks(coarser, entries)
+    }
+
     /// Whether the errors of bricks that are stored with its levels are those of what is stored; all levels
     /// are read.
     ///
@@ -255,7 +272,7 @@ impl Volume {
         let mut level = 0;
         loop {
             let grid = self.level(level);
-            if !grid.has_right_errors()? {
+            if !grid.has_right_errors([1, 2, 3].map(|above| self.level(level + above)))? {
                 return Ok(false);
             }
             level += 1;

@@ -27,6 +27,17 @@ impl RayInVolume {
     /// A stretch up to this depth is one piece.
     const THIN: f32 = 0.7;
 
+    /// The stretch in equal parts of at most such a length, front to back.
+    pub fn parts(self, longest: f32) -> impl Iterator<Item = Self> {
+        let count = ((self.far - self.near) / longest).ceil().max(1.0);
+        let at = move |i: f32| self.near + (self.far - self.near) * (i / count);
+        (0..count as u32).map(move |i| Self {
+            near: at(i as f32),
+            far: at((i + 1) as f32),
+            tau: self.tau / count,
+        })
+    }
+
     /// The stretch in pieces, front to back: light changes over about one optical depth, so a dense
     /// stretch starts with thin pieces. The last holds what is too deep to be seen.
     pub fn pieces(self) -> impl Iterator<Item = Self> {
@@ -90,7 +101,7 @@ impl Drop for InBrick<'_> {
 }
 
 impl<'a> Cells<'a> {
-    /// Optical depth of a voxel of which a cell may be as deep as in its middle, at most.
+    /// Optical depth along an edge of a cell that may be as deep as in its middle, at most.
     const MAX_DEPTH_OF_MIDDLE: f32 = 0.25;
 
     /// The walk of a ray; `None` if it misses the volume's box.

@@ -11,7 +11,8 @@ const MAX_PIXELS: f32 = 1.0;
 /// Optical depth of a voxel, at most: what light changes over must not be in one mean.
 const MAX_DEPTH: f32 = 0.5;
 
-/// Error of the optical depth of a ray through a brick on coarser cells, at most, where pixels tell them.
+/// Error of the optical depth of a ray along an edge of a brick on coarser cells, at most, where pixels
+/// tell them.
 const MAX_ERROR: f32 = 0.01;
 
 /// The media of a scene on the largest voxels that a camera does not tell from their own, and those of
@@ -44,9 +45,11 @@ fn with_bricks(
     picture: Option<(&Camera, Film)>,
 ) -> Result<Option<Vec<Volume>>> {
     let mut are_any = false;
+    // Rays through several media are lit cell by cell, whatever light does in that.
+    let is_alone = volumes.len() == 1;
     let of = |(volume, level): (&Volume, usize)| {
         let volume = volume.at_level(level);
-        let adapted = adapted(&volume, picture)?;
+        let adapted = adapted(&volume, picture, is_alone)?;
         are_any |= level > 0 || adapted.is_some();
         Ok(adapted.unwrap_or(volume))
     };
@@ -55,14 +58,22 @@ fn with_bricks(
 }
 
 /// A volume of many voxels with bricks on coarser levels, as far as the picture of a camera allows, or
-/// those of all.
-fn adapted(volume: &Volume, picture: Option<(&Camera, Film)>) -> Result<Option<Volume>> {
-    if !volume.has_many_voxels() {
+/// those of all, and where they are smooth if that is asked.
+fn adapted(
+    volume: &Volume,
+    picture: Option<(&Camera, Film)>,
+    where_smooth: bool,
+) -> Result<Option<Volume>> {
+    if !volume.has_many_voxels() || (picture.is_none() && !where_smooth) {
         return Ok(None);
     }
     let voxel = volume.longest_voxel_edge();
     let half_diagonal = 0.5 * 3.0_f32.sqrt() * BRICK_CELLS as f32 * voxel;
-    let error = MAX_ERROR / (BRICK_CELLS as f32 * voxel);
+    let error = match where_smooth {
+        true => MAX_ERROR / (BRICK_CELLS as f32 * voxel),
+        // Less than any.
+        false => -1.0,
+    };
     let pixels = picture.map(|(camera, film)| (camera.origin(), pixel_angle(camera, film)));
     volume.adapted(|brick| {
         let unseen = pixels.map_or(0, |(origin, pixel)| {

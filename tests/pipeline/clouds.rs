@@ -5,7 +5,9 @@ use glam::{DAffine3, DVec3};
 use lvox::formats::Overwrite;
 use lvox::image::{Frame, Region};
 use lvox::run::Job;
-use lvox::scene::{CameraInput, Film, Grid, LightInput, Scene, SceneBuilder, VolumeInput};
+use lvox::scene::{
+    CameraInput, Film, Grid, LightInput, MeshInput, Scene, SceneBuilder, VolumeInput,
+};
 use lvox::shade::{self, Settings};
 use lvox::tree::OpenTree;
 use lvox::{pack, scatter};
@@ -139,6 +141,53 @@ fn frames_amid_smooth_voxels_take_as_much_work_as_the_cloud_is_detailed() {
         std::fs::read(light).unwrap()
     });
     assert!(lit[0] == lit[1]);
+}
+
+/// In fog of so many voxels that its bricks are as coarse as can be, shafts of light are as sharp.
+#[test]
+fn coarse_bricks_keep_shafts_of_light() {
+    let camera = CameraInput::look_at("front", [0.0, 0.0, 4.0], [0.0; 3], [0.0, 1.0, 0.0], 0.6);
+    let slat = |i: i32| {
+        let (x, y) = (-1.2 + 0.4 * f64::from(i), 1.1);
+        let corners = [
+            [x, y, -1.2],
+            [x + 0.2, y, -1.2],
+            [x + 0.2, y, 1.2],
+            [x, y, 1.2],
+        ];
+        MeshInput::new("slat", corners, vec![[0, 1, 2], [0, 2, 3]])
+    };
+    // Bricks of media whose albedo may vary stay as they are.
+    let pictures = [false, true].map(|has_albedos| {
+        let n = 168;
+        let place = DAffine3::from_translation(DVec3::splat(-1.0))
+            * DAffine3::from_scale(DVec3::splat(2.0 / n as f64));
+        let grid = |value| Grid::from_fn([n; 3], move |_| value);
+        let fog = VolumeInput::new("fog", grid(0.5), [0.9; 3], place);
+        let fog = match has_albedos {
+            true => fog.albedo_grid([0; 3].map(|_| grid(0.9))),
+            false => fog,
+        };
+        let scene = SceneBuilder::new("fog")
+            .camera(camera.clone().unwrap())
+            .film(Film {
+                width: 64,
+                height: 48,
+                exposure: 1.0,
+            })
+            .light(LightInput::sun([0.2, -1.0, -0.1], [5.0; 3], 0.0).unwrap())
+            .volume(fog);
+        let scene = (0..6).map(slat).fold(scene, SceneBuilder::mesh);
+        let scene = scene.build().unwrap();
+        let work = Work::new("");
+        let tree = OpenTree::open(&work.bake(&scene, 1), None).unwrap();
+        beauty(&shaded(&scene, &tree, Region::full(64, 48)).0)
+    });
+    let (brighter, difference) = apart(&pictures[0], &pictures[1]);
+    assert!(
+        brighter.abs() < 0.01 && difference < 0.02,
+        "{brighter} {difference}"
+    );
 }
 
 /// The voxels of a frame, its sweep and its rays to the sun are those of the whole frame, whichever

@@ -3,13 +3,15 @@
 //!
 //! The samples of such a brick are values of its level of the pyramid at the corners of its cells, and
 //! so are the same in all bricks of that level that share them. A brick on voxels takes the samples
-//! that are of a brick before it from there, so that the field has no step where it begins.
+//! that are of a coarse brick before it from there. Else fields have steps between bricks on unlike
+//! levels, as small as their errors.
 
 use super::brick::MAX_BRICK_LEVEL;
 use super::{Brick, Grid, Known, StoredBricks, VolumeGrid, brick_dims, flatten};
 use crate::Result;
 use crate::formats::BrickEntry;
 use crate::math::unflatten;
+use crate::run::memory;
 use rayon::prelude::*;
 
 /// The largest error of a sample of a brick whose cells are 2, 4 and 8 voxels wide.
@@ -60,12 +62,16 @@ where
 {
     /// The level of a brick.
     fn level(&self, place: [usize; 3]) -> usize {
+        let last = self.coarser.len();
+        // Most of a large grid may be empty.
+        if self.coarser[last - 1].most_around(last, place) == 0.0 {
+            return 0;
+        }
         let allowed = (self.allowed)(place);
         let is_unseen = |level: &usize| {
             let most = self.coarser[level - 1].most_around(*level, place);
             most > 0.0 && most * (1 << level) as f32 <= allowed.depth
         };
-        let last = self.coarser.len();
         let unseen = (1..=allowed.unseen.min(last)).rev().find(is_unseen);
         let unseen = unseen.unwrap_or(0);
         let is_smooth = |level: &usize| {
@@ -84,12 +90,12 @@ where
     }
 }
 
-/// Whether most bricks that have samples may be on coarser levels, by one of 64: `error` is as that of
-/// [`Choice`], on level 1.
+/// Whether more than three quarters of the bricks that have samples may be on coarser levels, by one of
+/// 64: `found` tells the largest of a brick's own samples, and its error on level 1 as that of [`Choice`].
 fn pays(
     bricks: [usize; 3],
     allowed: impl Fn([usize; 3]) -> Allowed + Sync,
-    error: impl Fn([usize; 3], f32) -> Option<f32> + Sync,
+    found: impl Fn([usize; 3], f32) -> Option<[f32; 2]> + Sync,
 ) -> bool {
     const APART: usize = 4;
     let some = bricks.map(|n| ((n + 1) / APART).max(1));
@@ -97,9 +103,11 @@ fn pays(
         let some = unflatten(i, some);
         let place = std::array::from_fn(|a| (some[a] * APART + APART / 2).min(bricks[a] - 1));
         let allowed = allowed(place);
-        let error = error(place, allowed.error);
-        let may = |error| allowed.unseen > 0 || error <= allowed.error;
-        [error.is_some(), error.is_some_and(may)].map(usize::from)
+        let found = found(place, allowed.error);
+        let may = |[max, error]: [f32; 2]| {
+            (allowed.unseen > 0 && 2.0 * max <= allowed.depth) || error <= allowed.error
+        };
+        [found.is_some(), found.is_some_and(may)].map(usize::from)
     };
     let places = (0..some.iter().product::<usize>()).into_par_iter();
     let add = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
@@ -115,11 +123,14 @@ impl VolumeGrid {
     /// # Errors
     /// Damage of the file, no memory for the grid, or a stop on request.
     pub fn adapted(&self, allowed: impl Fn([usize; 3]) -> Allowed + Sync) -> Result<Option<Self>> {
+        if self.is_adapted() {
+            return Ok(None);
+        }
         let grid = match self.in_file() {
             Some(stored) => self.adapted_in_file(stored, allowed),
             None => self.adapted_in_memory(allowed),
         };
-        Ok(grid?.map(|grid| self.with_bricks(grid, self.coarser())))
+        Ok(grid?.map(|grid| self.with_bricks(grid)))
     }
 
     fn adapted_in_file(
@@ -129,15 +140,21 @@ impl VolumeGrid {
     ) -> Result<Option<Grid>> {
         let known = self.known();
         let bricks = brick_dims(known.dims);
-        let mut entry_of = vec![usize::MAX; bricks.iter().product()];
-        for (i, entry) in stored.entries.iter().enumerate() {
+        let count = bricks.iter().product();
+        let mut entry_of = memory::filled("the grid of a volume", u32::MAX, count)?;
+        for (i, entry) in (0..).zip(stored.entries) {
             entry_of[flatten(entry.place.map(|c| c as usize), bricks)] = i;
         }
         let error = |place, level: usize, _| {
-            let errors = stored.errors.get(entry_of[flatten(place, bricks)])?;
-            Some(errors[level - 1])
+            let entry = entry_of[flatten(place, bricks)];
+            Some(stored.errors.get(entry as usize)?[level - 1])
         };
-        if !pays(bricks, &allowed, |place, most| error(place, 1, most)) {
+        let first = |place, most| {
+            let entry = entry_of[flatten(place, bricks)];
+            let max = stored.entries.get(entry as usize)?.max;
+            Some([max, error(place, 1, most)?])
+        };
+        if !pays(bricks, &allowed, first) {
             return Ok(None);
         }
         let levels = self.levels_of_bricks(self.coarser_levels(), allowed, error)?;
@@ -192,19 +209,22 @@ impl VolumeGrid {
         Ok(BrickLevels { of, coarser })
     }
 
-    /// The errors of bricks on coarser levels, in the order of their entries. All levels are read.
+    /// The errors of bricks on its three coarser levels, in the order of their entries. All are read.
     ///
     /// # Errors
     /// As [`VolumeGrid::ready`].
-    pub(in crate::scene) fn errors_of_bricks(&self, entries: &[BrickEntry]) -> Result<Vec<Errors>> {
+    pub(in crate::scene) fn errors_of_bricks(
+        &self,
+        coarser: [&Self; MAX_BRICK_LEVEL],
+        entries: &[BrickEntry],
+    ) -> Result<Vec<Errors>> {
         self.ready()?;
-        let coarser = self.coarser_levels();
-        coarser.iter().try_for_each(Self::ready)?;
+        coarser.into_iter().try_for_each(Self::ready)?;
         let of = |entry: &BrickEntry| {
             let place = entry.place.map(|c| c as usize);
             let brick = self.brick(place);
             let error = |level: usize| {
-                let grid = coarser.get(level - 1).or(coarser.last())?;
+                let grid = coarser[level - 1];
                 Some(brick?.error_on(grid, level, place, [self.max(), f32::INFINITY]))
             };
             [1, 2, 3].map(|level| error(level).unwrap_or(0.0))
@@ -216,9 +236,12 @@ impl VolumeGrid {
     ///
     /// # Errors
     /// As [`VolumeGrid::ready`].
-    pub(in crate::scene) fn has_right_errors(&self) -> Result<bool> {
+    pub(in crate::scene) fn has_right_errors(
+        &self,
+        coarser: [&Self; MAX_BRICK_LEVEL],
+    ) -> Result<bool> {
         match self.in_file() {
-            Some(stored) => Ok(self.errors_of_bricks(stored.entries)? == stored.errors),
+            Some(stored) => Ok(self.errors_of_bricks(coarser, stored.entries)? == stored.errors),
             None => Ok(true),
         }
     }
@@ -346,8 +369,7 @@ mod tests {
         // On level 1 cells are half as wide.
         let coarse = fine.adapted(allowed(2.0)).unwrap().unwrap();
         assert_eq!(coarse.brick([2; 3]).unwrap().level, 1);
-        let deep = fine.adapted(allowed(0.1)).unwrap().unwrap();
-        assert_eq!(deep.brick([2; 3]).unwrap().level, 0);
+        assert!(fine.adapted(allowed(0.1)).unwrap().is_none());
     }
 
     #[test]
@@ -384,10 +406,14 @@ mod tests {
             let mut grid = finest.clone();
             while grid.dims() != [1; 3] {
                 let table = BrickTable::new(grid.entries());
-                let errors = grid.errors_of_bricks(table.entries()).unwrap();
-                let coarser = grid.coarser();
+                let mut coarser = vec![grid.coarser()];
+                while coarser.len() < MAX_BRICK_LEVEL {
+                    coarser.push(coarser[coarser.len() - 1].coarser());
+                }
+                let three = std::array::from_fn(|i| &coarser[i]);
+                let errors = grid.errors_of_bricks(three, table.entries()).unwrap();
                 levels.push((grid, table, errors));
-                grid = coarser;
+                grid = coarser.swap_remove(0);
             }
             Self {
                 levels,
@@ -453,13 +479,15 @@ mod tests {
             assert!(read < pages && !in_file.is_read(), "{read} of {pages}");
             // Coarser levels are those of the whole field.
             assert!(*found.coarser() == *finest.coarser());
-            assert!(in_file.has_right_errors().unwrap());
+            let coarser = in_file.coarser_levels();
+            let coarser = std::array::from_fn(|i| &coarser[i]);
+            assert!(in_file.has_right_errors(coarser).unwrap());
             // They are the same before level 1 is made.
             let (_, table, errors) = &stored.levels[0];
             for (entry, errors) in table.entries().iter().zip(errors) {
                 let place = entry.place.map(|c| c as usize);
                 let first = finest.error_on_first(place, [finest.max(), f32::INFINITY]);
-                assert_eq!(first, Some(errors[0]), "{place:?}");
+                assert_eq!(first, Some([entry.max, errors[0]]), "{place:?}");
             }
         }
     }
@@ -470,6 +498,8 @@ mod tests {
         stored.levels[0].2[3][1] += 1e-3;
         let levels: Arc<dyn StoredLevels> = Arc::new(stored);
         let grid = VolumeGrid::stored(&levels, 0).unwrap();
-        assert!(!grid.has_right_errors().unwrap());
+        let coarser = grid.coarser_levels();
+        let coarser = std::array::from_fn(|i| &coarser[i]);
+        assert!(!grid.has_right_errors(coarser).unwrap());
     }
 }

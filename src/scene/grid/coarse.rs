@@ -60,7 +60,8 @@ fn write_filtered<const LEVEL: usize>(around: &Around, most: f32, out: &mut [f32
         let (y, z) = (row % edge, row / edge);
         for x in 0..edge {
             let value = filtered(taps, [0, 1, 2, 3].map(|i| faces[z + i][y][x]));
-            out[x] = value.clamp(0.0, most);
+            // Forged files may hold what overflows: no number is 0.
+            out[x] = value.max(0.0).min(most);
             largest = largest.max(out[x]);
         }
     }
@@ -140,14 +141,16 @@ impl Grid {
         write_filtered::<LEVEL>(&around, most, out)
     }
 
-    /// The largest error of the brick at `b` on level 1, or any above `most`, without that level; none of
-    /// its samples is above `most_of_all`. `None` if it has no samples of its own.
+    /// The largest of the own samples of the brick at `b`, and its largest error on level 1, or any above
+    /// `most`, without that level, none of whose samples is above `most_of_all`. `None` if it has no
+    /// samples of its own.
     pub(super) fn error_on_first(
         &self,
         b: [usize; 3],
         [most_of_all, most]: [f32; 2],
-    ) -> Option<f32> {
+    ) -> Option<[f32; 2]> {
         let brick = self.brick(b).filter(Brick::has_own_samples)?;
+        let own_max = brick.own_samples().fold(0.0, f32::max);
         let last = self.dims.map(|n| (n.div_ceil(2) - 1) as isize);
         // Corner c of cells is sample c - 1.
         let first = b.map(|b| (b * BRICK_CELLS / 2) as isize - 2);
@@ -177,7 +180,7 @@ impl Grid {
             samples: &samples,
             level: 1,
         };
-        Some(brick.error_of(&coarse, most))
+        Some([own_max, brick.error_of(&coarse, most)])
     }
 
     /// The largest sample around the brick at `b` of a grid of which this one is the level `level`.
@@ -195,11 +198,17 @@ impl Grid {
 }
 
 impl Brick<'_> {
-    /// Whether a sample is not 0 that it does not share with a brick before it.
-    pub(super) fn has_own_samples(&self) -> bool {
+    /// The samples that it does not share with a brick before it, on voxels.
+    fn own_samples(&self) -> impl Iterator<Item = f32> {
+        debug_assert_eq!(self.level, 0);
         let layers = self.samples.chunks_exact(BRICK_EDGE * BRICK_EDGE).skip(1);
-        let mut rows = layers.flat_map(|layer| layer.chunks_exact(BRICK_EDGE).skip(1));
-        rows.any(|row| row[1..].iter().any(|v| *v != 0.0))
+        let rows = layers.flat_map(|layer| layer.chunks_exact(BRICK_EDGE).skip(1));
+        rows.flat_map(|row| row[1..].iter().copied())
+    }
+
+    /// Whether any of these is not 0.
+    pub(super) fn has_own_samples(&self) -> bool {
+        self.own_samples().any(|v| v != 0.0)
     }
 
     /// The largest error of the brick at `b` on a coarser level, of which `coarser` is the grid, or

@@ -147,7 +147,7 @@ impl Grid {
         }
     }
 
-    /// The same on the levels of its bricks, of a grid of which `known` is known.
+    /// This grid, of which `known` is known, with bricks on levels of their own.
     pub(super) fn on_brick_levels(&self, levels: &BrickLevels, known: Known) -> Result<Self> {
         let count: usize = self.bricks.iter().product();
         memory::check(WHAT, (count * size_of::<u32>()) as u64)?;

@@ -61,8 +61,8 @@ pub struct VolumeGrid(Arc<Shared>);
 struct Shared {
     known: Known,
     stored: Option<(Arc<dyn StoredLevels>, usize)>,
-    /// The next coarser one, if that is made of another than this.
-    coarser: Option<VolumeGrid>,
+    /// The grid on voxels of which this one has bricks on levels of their own.
+    whole: Option<VolumeGrid>,
     /// The grid once it was asked for; an empty one, and why, if it cannot be read.
     read: OnceLock<(Grid, Option<Error>)>,
 }
@@ -78,7 +78,7 @@ impl From<Grid> for VolumeGrid {
         Self(Arc::new(Shared {
             known,
             stored: None,
-            coarser: None,
+            whole: None,
             read: OnceLock::from((grid, None)),
         }))
     }
@@ -91,7 +91,7 @@ impl VolumeGrid {
         Some(Self(Arc::new(Shared {
             known: levels.known(level)?,
             stored: Some((Arc::clone(levels), level)),
-            coarser: None,
+            whole: None,
             read: OnceLock::new(),
         })))
     }
@@ -99,8 +99,8 @@ impl VolumeGrid {
     /// The same field on voxels of twice the edge.
     #[must_use]
     pub fn coarser(&self) -> Self {
-        if let Some(coarser) = &self.0.coarser {
-            return coarser.clone();
+        if let Some(whole) = &self.0.whole {
+            return whole.coarser();
         }
         let next = self.0.stored.as_ref();
         let stored = next.and_then(|(levels, level)| Self::stored(levels, level + 1));
@@ -117,14 +117,14 @@ impl VolumeGrid {
             Self(Arc::new(Shared {
                 known,
                 stored: None,
-                coarser: None,
+                whole: None,
                 read: OnceLock::from((Grid::empty(known), Some(error))),
             }))
         })
     }
 
-    /// Another grid of the same field, whose coarser ones are those of this.
-    pub(super) fn with_bricks(&self, grid: Grid, coarser: Self) -> Self {
+    /// This grid with its bricks on levels of their own; the coarser ones stay those of this.
+    pub(super) fn with_bricks(&self, grid: Grid) -> Self {
         let known = Known {
             bricks: grid.maxima.len(),
             ..self.0.known
@@ -132,9 +132,14 @@ impl VolumeGrid {
         Self(Arc::new(Shared {
             known,
             stored: None,
-            coarser: Some(coarser),
+            whole: Some(self.clone()),
             read: OnceLock::from((grid, None)),
         }))
+    }
+
+    /// Whether its bricks are on levels of their own.
+    pub(super) fn is_adapted(&self) -> bool {
+        self.0.whole.is_some()
     }
 
     /// What is known of it without its samples.

@@ -448,7 +448,7 @@ pub fn columns(
         let levels = volume(of, tables).levels_of_many_voxels();
         let errors = (0..levels).zip(tables).map(|(level, table)| {
             cancel.check()?;
-            of.level(level).errors_of_bricks(table.entries())
+            of.errors_of_bricks(level, table.entries())
         });
         let errors = errors.collect::<Result<Vec<_>>>()?.concat();
         column(PackedColumn::BrickErrors, i, bytemuck::cast_slice(&errors))?;
