@@ -12,7 +12,7 @@ use crate::view::VisibleMedia;
 pub fn bytes_for(scene: &Scene, shows_no_voxels: impl Fn(&Volume) -> bool) -> u64 {
     let copies = |v: &Volume| {
         let bytes = v.sigma_t.bytes() as u64;
-        // Of a grid of a file no more is read than its bricks take; one in memory gets a second one.
+        // One in memory may get a second grid of coarser bricks; in a file the rest is not read.
         match v.sigma_t.is_read() && v.has_many_voxels() {
             true => bytes,
             false => bytes / 2,

@@ -88,6 +88,7 @@ fn adapted(
         }
     })
 }
+
 /// Length that a pixel covers where a volume is nearest to the camera.
 fn pixel_at(volume: &Volume, camera: &Camera, film: Film) -> f32 {
     let Aabb { min, max } = volume.bounds();
