@@ -164,6 +164,9 @@ fn check_scene(scene: &Scene, job: &Job) -> Result<()> {
             ));
         }
     }
+    if !scene.has_right_digests() {
+        return wrong("digests are not those of its surfaces, materials and volumes".into());
+    }
     Ok(())
 }
 

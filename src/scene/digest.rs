@@ -4,6 +4,7 @@
 use super::{
     AlbedoGrid, Camera, Emission, EmissiveVolume, Grid, Light, Mesh, Scene, Texture, Volume, Wrap,
 };
+use crate::formats::PackedMeta;
 use crate::math::unflatten;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,18 +20,41 @@ impl Scene {
     /// is one.
     #[must_use]
     pub fn parts(&self, surfels_from: Option<&Camera>) -> Vec<(String, String)> {
+        let mut parts = self.parts_of_assets();
+        parts.push(named("lights", lights(self)));
+        parts.extend(surfels_from.map(|c| named(CAMERA, camera(c, self))));
+        parts.sort();
+        parts
+    }
+
+    /// Those of surfaces, materials and volumes, by rising name: as a packed scene keeps them.
+    pub(super) fn parts_of_assets(&self) -> Vec<(String, String)> {
+        let kept = self.as_packed().map(|packed| packed.file().meta());
+        let is_there =
+            |meta: &&PackedMeta| meta.world_from_scene == self.world_from_scene.to_array();
+        match kept.filter(is_there).map(|meta| &meta.parts.digests) {
+            Some(kept) if !kept.is_empty() => kept.clone(),
+            _ => self.made_parts_of_assets(),
+        }
+    }
+
+    /// The same, made of all of them.
+    fn made_parts_of_assets(&self) -> Vec<(String, String)> {
         let mut parts = vec![
-            ("surfaces", surfaces(&self.mesh, self.world_from_scene)),
-            ("materials", materials(self)),
-            ("lights", lights(self)),
-            ("volumes", volumes(&self.volumes)),
+            named("materials", materials(self)),
+            named("surfaces", surfaces(&self.mesh, self.world_from_scene)),
+            named("volumes", volumes(&self.volumes)),
         ];
         if !self.emissive.is_empty() {
-            parts.push(("emission", emissive(&self.emissive)));
+            parts.insert(0, named("emission", emissive(&self.emissive)));
         }
-        parts.extend(surfels_from.map(|c| (CAMERA, camera(c, self))));
-        let name = |(name, digest): (&str, Digest)| (format!("{PREFIX}{name}"), digest.hex());
-        parts.into_iter().map(name).collect()
+        parts
+    }
+
+    /// Whether the digests that a packed scene keeps are those of its assets.
+    pub(crate) fn has_right_digests(&self) -> bool {
+        let kept = self.packed.as_ref().map(|p| &p.file().meta().parts.digests);
+        kept.is_none_or(|kept| kept.is_empty() || *kept == self.made_parts_of_assets())
     }
 
     /// One digest over all that surfaces are and reflect.
@@ -126,7 +150,13 @@ impl Digest {
     }
 
     fn floats(&mut self, values: &[f32]) {
-        self.bytes(values.iter().map(|v| v.to_le_bytes()));
+        if cfg!(target_endian = "little") {
+            self.count(values.len());
+            self.pending.extend_from_slice(bytemuck::cast_slice(values));
+            self.hash_if_long();
+        } else {
+            self.bytes(values.iter().map(|v| v.to_le_bytes()));
+        }
     }
 
     fn triples(&mut self, values: &[[f32; 3]]) {
@@ -140,6 +170,11 @@ impl Digest {
     fn hex(self) -> String {
         self.finish().to_hex()[..32].to_owned()
     }
+}
+
+/// A part by its name, and its digest.
+fn named(name: &str, digest: Digest) -> (String, String) {
+    (format!("{PREFIX}{name}"), digest.hex())
 }
 
 /// The digest of what is digested side by side.

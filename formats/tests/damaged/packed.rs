@@ -168,6 +168,32 @@ fn errors_of_bricks_are_checked() {
     }
 }
 
+/// Digests of parts of a scene are there whole, or refused.
+#[test]
+fn digests_are_checked() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("d.lvp");
+    let mut meta = packed_meta();
+    let digest = |name: &str, digit: &str| (name.to_owned(), digit.repeat(32));
+    for wrong in [
+        vec![digest("volumes", "0")],
+        vec![digest("scene/volumes", "g")],
+        vec![digest("scene/volumes", "00")],
+        vec![digest("scene/volumes", "0"), digest("scene/surfaces", "1")],
+        vec![digest("scene/volumes", "0"), digest("scene/volumes", "0")],
+    ] {
+        meta.parts.digests = wrong;
+        let error = PackedWriter::create(&path, meta.clone(), Overwrite::Replace);
+        let error = error.map(drop).unwrap_err().to_string();
+        assert!(error.contains("32 hexadecimal digits"), "{error}");
+    }
+    meta.parts.digests = vec![digest("scene/surfaces", "a"), digest("scene/volumes", "9")];
+    write_packed_as(&path, meta.clone());
+    let file = std::fs::read(path).unwrap();
+    read_packed(&file).unwrap();
+    assert_eq!(Packed::open(&file[..]).unwrap().meta(), &meta);
+}
+
 /// Places whose maps, boxes or prototypes would lead a reader astray, and blocks of prototypes with
 /// triangles of others.
 #[test]

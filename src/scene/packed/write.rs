@@ -141,6 +141,7 @@ pub fn description(scene: &Scene, tables: &LevelTables) -> PackedMeta {
             albedo_grids: albedo_grids(scene),
             brick_errors: brick_errors(scene, tables),
             instances: instances::description(mesh),
+            digests: scene.parts_of_assets(),
         },
     }
 }

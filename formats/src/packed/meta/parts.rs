@@ -35,6 +35,10 @@ pub struct PackedParts {
     /// Numbers of media of which a column has the errors of bricks on coarser levels, rising.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub brick_errors: Vec<u32>,
+    /// What clouds that are baked of the scene say of its surfaces, materials and volumes among
+    /// their settings: names and digests, by rising name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub digests: Vec<(String, String)>,
 }
 
 /// Numbers of parts.
@@ -45,6 +49,7 @@ const EXTINCTION_COLORS: u32 = 4;
 const ALBEDO_GRIDS: u32 = 5;
 const INSTANCES: u32 = 6;
 const BRICK_ERRORS: u32 = 7;
+const DIGESTS: u32 = 8;
 
 /// A texture that is a factor on the emission of a material.
 #[derive(
@@ -140,7 +145,8 @@ impl bincode::Encode for PackedParts {
         if let Some(instances) = &self.instances {
             (INSTANCES, instances).encode(encoder)?;
         }
-        parts::encode(BRICK_ERRORS, &self.brick_errors, encoder)
+        parts::encode(BRICK_ERRORS, &self.brick_errors, encoder)?;
+        parts::encode(DIGESTS, &self.digests, encoder)
     }
 }
 
@@ -157,6 +163,7 @@ impl<C> bincode::Decode<C> for PackedParts {
                 ALBEDO_GRIDS => found.albedo_grids = parts::some(decoder)?,
                 INSTANCES => found.instances = Some(PackedInstances::decode(decoder)?),
                 BRICK_ERRORS => found.brick_errors = parts::some(decoder)?,
+                DIGESTS => found.digests = parts::some(decoder)?,
                 _ => return Err(parts::UNKNOWN),
             }
         }
@@ -201,6 +208,17 @@ impl PackedParts {
             are_in_order(of.iter().copied(), media.len()) && of.iter().all(has_bricks),
             &|| "errors of bricks".to_owned(),
             &format!("some of {} media, in order, of many voxels", media.len()),
+            of,
+        )?;
+        let of = &self.digests;
+        let is_digest = |(name, digest): &(String, String)| {
+            let is_digit = |c: u8| matches!(c, b'0'..=b'9' | b'a'..=b'f');
+            name.starts_with("scene/") && digest.len() == 32 && digest.bytes().all(is_digit)
+        };
+        check(
+            of.is_sorted_by(|(a, _), (b, _)| a < b) && of.iter().all(is_digest),
+            &|| "digests".to_owned(),
+            "names that begin with scene/, in order, each with 32 hexadecimal digits",
             of,
         )?;
         let of = &self.extinction_colors;
