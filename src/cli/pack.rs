@@ -60,8 +60,8 @@ impl Args {
         let (tree, light) = match self.tree {
             Some(tree) => (Some(tree), self.scatter),
             None => (
-                self.scene.packed_tree(&scene),
-                self.scene.packed_light(&scene),
+                scene.packed_tree().map(PathBuf::from),
+                scene.packed_light().map(PathBuf::from),
             ),
         };
         if let Some(path) = &tree {

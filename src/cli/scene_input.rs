@@ -6,7 +6,7 @@ use super::options::Context;
 use super::parse;
 use crate::run::frames;
 use crate::scene::Scene;
-use crate::scene::load::{Change, Settings, is_packed};
+use crate::scene::load::{Change, Settings, packed_file};
 use crate::{Error, Result};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -196,30 +196,13 @@ impl SceneInput {
         input
     }
 
-    /// Whether it is a packed scene by its name.
-    fn packed(&self) -> Option<&PathBuf> {
-        self.scene.as_ref().filter(|path| is_packed(path))
-    }
-
-    /// The scene file, if that is a packed one which holds a tree.
-    pub fn packed_tree(&self, scene: &Scene) -> Option<PathBuf> {
-        let held = scene.packed_files();
-        self.packed().filter(|_| held.0).cloned()
-    }
-
-    /// The scene file, if that is a packed one which holds scattered light.
-    pub fn packed_light(&self, scene: &Scene) -> Option<PathBuf> {
-        let held = scene.packed_files();
-        self.packed().filter(|_| held.1).cloned()
-    }
-
-    /// The file of the tree that a verb takes: the one that is named, or the packed scene.
+    /// The file of the tree that a verb takes in a frame: the one that is named, or the packed scene.
     ///
     /// # Errors
     /// If there is neither.
-    pub fn tree(&self, named: Option<&PathBuf>) -> Result<PathBuf> {
-        let path = named.or(self.packed()).cloned();
-        path.ok_or_else(|| {
+    pub fn tree(&self, named: Option<&PathBuf>, frame: Option<i32>) -> Result<PathBuf> {
+        let packed = || packed_file(self.scene.as_ref()?, &self.reading.settings(frame));
+        named.cloned().or_else(packed).ok_or_else(|| {
             Error::input("no tree was given")
                 .hint("name one with --tree, or a packed scene that holds one")
         })

@@ -38,7 +38,7 @@ impl TreeInput {
     /// As [`SceneInput::load`], [`OpenTree::open`] and [`Scene::in_frame`], without a tree, and
     /// with that of another scene where it has to be the same.
     pub fn open(&self, context: &Context) -> Result<(Scene, OpenTree, PathBuf)> {
-        let path = self.scene.tree(self.tree.as_ref())?;
+        let path = self.scene.tree(self.tree.as_ref(), context.frame)?;
         if let Some((scene, store)) = self.take_kept(&path, context)? {
             return Ok((scene, store, path));
         }
@@ -77,7 +77,7 @@ impl TreeInput {
     /// was named.
     pub fn packed_light(&self, scene: &Scene) -> Option<PathBuf> {
         match self.tree {
-            None => self.scene.packed_light(scene),
+            None => scene.packed_light().map(Into::into),
             Some(_) => None,
         }
     }

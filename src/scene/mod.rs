@@ -59,7 +59,7 @@ pub use volume::Volume;
 use crate::math::{Aabb, Boxes, Rgb};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec3};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Name of the setting of a cloud that says which group of lights it was baked with.
 pub const GROUP_SETTING: &str = "group";
@@ -146,11 +146,31 @@ impl Scene {
         }
     }
 
-    /// Whether it lies in a packed file that holds a tree, and scattered light.
+    /// The packed file that it lies in.
     #[must_use]
-    pub fn packed_files(&self) -> (bool, bool) {
-        let meta = self.packed.as_ref().map(|packed| packed.file().meta());
-        meta.map_or((false, false), |m| (m.tree_bytes > 0, m.light_bytes > 0))
+    pub fn packed_path(&self) -> Option<&Path> {
+        self.packed.as_ref().map(packed::PackedScene::path)
+    }
+
+    /// The packed file that it lies in, if that holds a tree.
+    #[must_use]
+    pub fn packed_tree(&self) -> Option<&Path> {
+        let packed = self.packed.as_ref();
+        let packed = packed.filter(|p| p.file().meta().tree_bytes > 0);
+        packed.map(packed::PackedScene::path)
+    }
+
+    /// The packed file that it lies in, if that holds scattered light.
+    #[must_use]
+    pub fn packed_light(&self) -> Option<&Path> {
+        let packed = self.packed.as_ref();
+        let packed = packed.filter(|p| p.file().meta().light_bytes > 0);
+        packed.map(packed::PackedScene::path)
+    }
+
+    /// Hash of the content of the packed file that it lies in.
+    fn packed_hash(&self) -> Option<[u8; 16]> {
+        self.packed.as_ref().map(|p| p.file().content_hash())
     }
 
     /// Refuses results from a packed file that was cut while it was used.

@@ -11,6 +11,7 @@ mod colored_media;
 mod contact;
 mod counts;
 mod damage;
+mod described;
 #[cfg(unix)]
 mod farm;
 mod fire;

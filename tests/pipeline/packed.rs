@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 
 /// The room with a textured picture on its wall, a flame, more lights, and cameras that are no pinholes.
-fn scene() -> String {
+pub fn scene() -> String {
     format!(
         r#"{ROOM}
 [[camera]]
@@ -69,7 +69,7 @@ emission = {{ kelvin = 1800, scale = 20 }}
 const PICTURE: &str = "v -0.4 -0.3 0\nv 0.4 -0.3 0\nv 0.4 0.3 0\nv -0.4 0.3 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
                        vn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1\n";
 
-fn work() -> Work {
+pub fn work() -> Work {
     let work = Work::new(&scene());
     fs::write(work.path("picture.obj"), PICTURE).unwrap();
     let picture =
@@ -78,7 +78,7 @@ fn work() -> Work {
     work
 }
 
-fn bytes(folder: &Path, name: &str) -> Vec<u8> {
+pub fn bytes(folder: &Path, name: &str) -> Vec<u8> {
     fs::read(folder.join(name)).unwrap()
 }
 

@@ -41,7 +41,8 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
     let volumes: Vec<_> = volumes
         .map(|(v, values)| volume(v, values, origin, kind))
         .collect();
-    let memory_bytes = mesh.memory_bytes
+    let packed = scene.packed_path().map(|p| p.display().to_string());
+    let made_bytes = mesh.memory_bytes
         + textures.iter().map(|t| t.memory_bytes).sum::<u64>()
         + volumes.iter().map(|v| v.memory_bytes).sum::<u64>()
         + scene
@@ -77,7 +78,8 @@ pub fn scene(path: &Path, settings: &Settings, job: &Job) -> Result<Option<Scene
         mesh,
         textures,
         volumes,
-        memory_bytes,
+        memory_bytes: packed.as_ref().map_or(made_bytes, |_| scene.bytes()),
+        packed,
         warnings: scene.warnings,
     }))
 }

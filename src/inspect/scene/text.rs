@@ -62,6 +62,9 @@ impl fmt::Display for SceneDescription {
             self.kind
         )?;
         writeln!(f, "scene '{}', {}", one_line(&self.name), self.scene_hash)?;
+        if let Some(packed) = &self.packed {
+            writeln!(f, "surfaces and volumes of {}", one_line(packed))?;
+        }
         let m = &self.mesh;
         write!(
             f,

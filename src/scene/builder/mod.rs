@@ -9,6 +9,7 @@
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
 //! - `masks`: triangles that masks leave whole, or nothing of
 //! - `emission`: triangles of which a texture leaves no light
+//! - `packed`: a packed scene in place of meshes and volumes
 //! - here: what is checked and made up of the scene as a whole
 
 mod bounds;
@@ -21,6 +22,7 @@ mod light;
 mod masks;
 mod merge;
 mod mesh;
+mod packed;
 mod volume;
 
 pub use camera::CameraInput;
@@ -30,6 +32,7 @@ pub use environment::EnvironmentInput;
 pub use light::LightInput;
 pub use mesh::MeshInput;
 pub(super) use mesh::{DEFAULT_ALBEDO, MESH, extend_attribute, push};
+pub(super) use packed::PackedInput;
 pub use volume::VolumeInput;
 
 use super::{EnvironmentImage, Film, Scene};
@@ -48,6 +51,9 @@ const MAX_COORDINATE: f64 = 1e15;
 
 /// Emission, intensity and irradiance beyond this are taken for a mistake.
 pub(super) const MAX_EMISSION: f32 = 1e30;
+
+/// Tells of a light that is made up.
+const NO_LIGHT: &str = "the scene has no light: adding an environment of radiance 1";
 
 /// Film of a scene that does not state one.
 pub(super) const DEFAULT_FILM: Film = Film {
@@ -111,6 +117,8 @@ pub struct SceneBuilder {
     pub(super) is_lit_in_part: bool,
     /// Meshes whose emission is, too.
     pub(super) dark_meshes: Vec<usize>,
+    /// What takes the place of meshes and volumes.
+    pub(super) packed: Option<PackedInput>,
 }
 
 impl SceneBuilder {
@@ -254,6 +262,9 @@ impl SceneBuilder {
 
     /// Makes the scene of values that are checked, but for its hash and files.
     pub(super) fn finish(mut self, cancel: &Cancel) -> Result<Scene> {
+        if let Some(packed) = self.packed.take() {
+            return self.finish_packed(packed);
+        }
         (self.meshes.iter_mut()).try_for_each(MeshInput::lay_emitters_flat)?;
         let bounds = self.bounds();
         let mut warnings = Vec::new();
@@ -279,7 +290,7 @@ impl SceneBuilder {
         let environment_image = self.take_sky(&mut notes)?;
         if self.is_dark() && !self.is_lit_in_part && environment_image.is_none() {
             self.lights.push(LightInput::environment([1.0; 3]));
-            warnings.push("the scene has no light: adding an environment of radiance 1".into());
+            warnings.push(NO_LIGHT.into());
         }
         self.check_places()?;
 

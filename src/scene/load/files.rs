@@ -5,6 +5,7 @@ use super::images::Images;
 use super::values::GridValues;
 use crate::formats::MappedFile;
 use crate::run::{Cancel, frames, memory, one_line};
+use crate::scene::Scene;
 use crate::{Error, Result};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -175,6 +176,15 @@ impl Files {
         map.release(0..map.as_ref().len());
         self.paths.push(path.to_owned());
         Ok(Content::Mapped(map))
+    }
+
+    /// Lets a packed scene join the hash, by its own.
+    pub(super) fn add_packed(&mut self, path: &Path, scene: &Scene) -> Result<()> {
+        self.paths.push(path.to_owned());
+        match scene.packed_hash() {
+            Some(hash) => self.add(&hash),
+            None => Ok(()),
+        }
     }
 
     fn content(&self, path: &Path, failed: impl Fn(&io::Error) -> Error) -> Result<Vec<u8>> {

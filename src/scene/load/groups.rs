@@ -47,10 +47,19 @@ impl Groups {
                 name
             }
         };
+        Ok(self.add_named(name))
+    }
+
+    /// The same of light that no table is of.
+    pub fn add_default(&mut self) -> bool {
+        self.add_named(DEFAULT)
+    }
+
+    fn add_named(&mut self, name: &str) -> bool {
         if !self.names.iter().any(|n| n == name) {
             self.names.push(name.into());
         }
-        Ok(self.wanted.as_deref().is_none_or(|w| w == name))
+        self.wanted.as_deref().is_none_or(|w| w == name)
     }
 
     /// The groups that there are, of which the wanted one is one.

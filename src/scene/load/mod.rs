@@ -4,7 +4,7 @@
 
 // In come paths; out comes a `SceneBuilder` that is filled, and what the user should know.
 //
-// - `description`: the scene file, its `light`s and its `volume`s; with `table` (typed access to
+// - `description`: the scene file, its `light`s, its `volume`s and a packed scene in their place; with `table` (typed access to
 //   TOML), `nearest` (words that may have been meant) and `transform` (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `mitsuba`: scenes of Mitsuba in XML
@@ -73,7 +73,7 @@ use crate::run::{Cancel, Job};
 use crate::{Error, Result};
 use field::Field;
 use files::Files;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How a scene is read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -178,6 +178,17 @@ pub fn is_packed(path: &Path) -> bool {
     files::extension(path) == "lvp"
 }
 
+/// The packed scene that a file is, or that a scene file takes its surfaces and volumes from; `None`
+/// for others, and for what cannot be read.
+#[must_use]
+pub fn packed_file(path: &Path, settings: &Settings) -> Option<PathBuf> {
+    match files::extension(path).as_str() {
+        "lvp" => Some(path.to_owned()),
+        "toml" => description::packed_file(path, settings),
+        _ => None,
+    }
+}
+
 /// Refuses changes of what is no text.
 fn refuse_changes(path: &Path, settings: &Settings) -> Result<()> {
     match settings.changes.first() {
@@ -187,7 +198,7 @@ fn refuse_changes(path: &Path, settings: &Settings) -> Result<()> {
             path.display(),
             change.key
         ))
-        .hint("change the .toml file, before it is packed")),
+        .hint("change the .toml file before it is packed, or take this file into one: packed = \"FILE\"")),
     }
 }
 
@@ -199,7 +210,7 @@ fn refuse_group(path: &Path, settings: &Settings) -> Result<()> {
             "{}: `group` {group}: expected a scene file (.toml), whose lights have groups",
             path.display()
         ))
-        .hint("take this file into a scene file, or pack a scene of one group")),
+        .hint("take this file into a scene file (.toml), or pack a scene of one group")),
     }
 }
 
@@ -263,7 +274,8 @@ fn finish(builder: SceneBuilder, mut files: Files) -> Result<Scene> {
     let mut scene = builder.finish(&files.cancel)?;
     scene.hash = files.hash();
     scene.group.clone_from(&files.settings.group);
-    scene.files_of_frame = frame.filter(|_| files.names_frames);
+    let names_frame = frame.filter(|_| files.names_frames);
+    scene.files_of_frame = names_frame.or(scene.files_of_frame);
     scene.has_empty_volumes = files.has_empty_volumes;
     scene.files = files.paths;
     scene.warnings.splice(..0, files.warnings);

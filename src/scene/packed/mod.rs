@@ -16,12 +16,14 @@ use crate::column::Column;
 use crate::formats::{MappedFile, Packed, PackedColumn};
 use crate::{Error, Result};
 use bytemuck::Pod;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The file that a scene lies in.
 #[derive(Clone, Debug)]
 pub struct PackedScene {
     file: Arc<Packed<MappedFile>>,
+    path: PathBuf,
 }
 
 impl PackedScene {
@@ -29,6 +31,12 @@ impl PackedScene {
     #[must_use]
     pub fn file(&self) -> &Packed<MappedFile> {
         &self.file
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Gives the memory of vertices and triangles back to the system, which reads them again for

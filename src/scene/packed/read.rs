@@ -27,7 +27,10 @@ use std::sync::Arc;
 /// A file that is no whole packed scene, no memory for its volumes, or a stop on request.
 pub fn read(path: &Path, frame: Option<i32>, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
     let file = Arc::new(Packed::open_path(path)?);
-    let packed = PackedScene { file };
+    let packed = PackedScene {
+        file,
+        path: path.to_owned(),
+    };
     check(&packed, cancel)?;
     let scene = scene(&packed, path, frame, texture_limit, cancel);
     scene.map_err(|e| e.at(path.display()))

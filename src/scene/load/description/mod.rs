@@ -3,11 +3,13 @@
 mod camera;
 mod emission;
 mod light;
+mod packed;
 mod volume;
 
 use self::camera::{CAMERA, camera};
 use self::emission::EmissionTable;
 use self::light::{LIGHT, environment_image, light};
+pub(super) use self::packed::packed_file;
 use self::volume::{Kept, VOLUME, volumes};
 use super::colors::ColorEncoding;
 use super::files::{Files, beside, extension};
@@ -55,7 +57,9 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     let parsed = document.parse()?;
     let root = document.root(
         &parsed,
-        &["name", "film", "camera", "mesh", "light", "volume"],
+        &[
+            "name", "packed", "film", "camera", "mesh", "light", "volume",
+        ],
     )?;
     let stem = path.file_stem().unwrap_or_default();
     let mut builder = SceneBuilder {
@@ -89,6 +93,9 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
             true => add_light(&table, path, &mut builder, files)?,
             false => light::check(&table)?,
         }
+    }
+    if let Some(item) = root.get("packed") {
+        builder.packed = Some(packed::read(&item, &root, path, &mut groups, files)?);
     }
     for table in root.tables("mesh", &MESH)? {
         let lights = builder.lights.len();

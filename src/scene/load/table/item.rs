@@ -15,6 +15,11 @@ impl<'a> Item<'a> {
         self.document.error(format!("{}: {message}", self.place))
     }
 
+    /// Leads an error by the place of the value.
+    pub(in crate::scene::load) fn locate(&self, error: Error) -> Error {
+        error.at(format!("{}: {}", self.document.path.display(), self.place))
+    }
+
     fn expected(&self, what: &str) -> Error {
         self.mismatch(what, self.value)
     }
