@@ -31,6 +31,18 @@ fn around<const LEVEL: usize>(corner: usize) -> (usize, f32) {
     (cell, beyond as f32 / (1 << LEVEL) as f32)
 }
 
+/// The largest of samples that are at least 0.
+pub(super) fn largest(samples: &[f32]) -> f32 {
+    // Eight at a time: one after the other would wait for each other.
+    let mut eight = [0.0_f32; 8];
+    let chunks = samples.chunks_exact(8);
+    let rest = chunks.remainder();
+    for chunk in chunks {
+        eight = std::array::from_fn(|i| eight[i].max(chunk[i]));
+    }
+    eight.iter().chain(rest).copied().fold(0.0, f32::max)
+}
+
 /// Samples of a brick.
 pub(super) const fn samples_at(level: usize) -> usize {
     edge_at(level).pow(3)

@@ -1,7 +1,7 @@
 //! Which bricks a grid stores, before it stores any, and how they are filled: a region of bricks at
 //! a time, so that what samples come from is read in boxes and on all threads.
 
-use super::brick::CoarseBricks;
+use super::brick::{CoarseBricks, largest};
 use super::{ABSENT, BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Grid, brick_dims};
 use crate::Result;
 use crate::math::unflatten;
@@ -141,7 +141,7 @@ impl Layout {
                     self.cut(at, &region.voxels, buffer, brick);
                     // Not the maximum: there may be samples that are no numbers.
                     let is_empty = brick.iter().all(|v| *v == 0.0);
-                    *max = (!is_empty).then(|| brick.iter().copied().fold(0.0, f32::max));
+                    *max = (!is_empty).then(|| largest(brick));
                 }
                 Ok(told)
             });
@@ -207,8 +207,13 @@ impl Layout {
         });
         let [nx, ny, _] = region.dims;
         let rows = at[2].iter().flat_map(|z| at[1].map(|y| (z * ny + y) * nx));
+        let is_inside = at[0][BRICK_CELLS] - at[0][0] == BRICK_CELLS;
         for (out, row) in brick.chunks_exact_mut(BRICK_EDGE).zip(rows) {
             let row = &samples[row..row + nx];
+            if is_inside {
+                out.copy_from_slice(&row[at[0][0]..][..BRICK_EDGE]);
+                continue;
+            }
             for (sample, &x) in out.iter_mut().zip(&at[0]) {
                 *sample = row[x];
             }

@@ -4,7 +4,7 @@
 //! which are those at the last corners of the bricks before it.
 
 use super::adapted::BrickLevels;
-use super::brick::{CoarseBricks, MAX_BRICK_LEVEL, samples_at};
+use super::brick::{CoarseBricks, MAX_BRICK_LEVEL, largest, samples_at};
 use super::{
     ABSENT, BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Brick, Grid, Known, brick_dims, flatten,
 };
@@ -188,7 +188,7 @@ impl Grid {
                 let slot = grid.slots[*b] as usize;
                 let brick = &mut grid.samples[slot * BRICK_SAMPLES..][..BRICK_SAMPLES];
                 write_shared(brick, shared);
-                grid.maxima[slot] = brick.iter().copied().fold(0.0, f32::max);
+                grid.maxima[slot] = largest(brick);
             }
         }
         Ok(grid)

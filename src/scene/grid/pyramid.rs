@@ -58,14 +58,74 @@ impl Grid {
         };
         let Ok(layout) = Layout::of(dims, may_hold);
         let Ok((mut grid, _)) = layout.fill(|region, means| {
-            let from = finer(&region.voxels);
-            let mut samples = vec![0.0; from.count()];
-            self.read(&from, &mut samples);
-            halve(&samples, from.dims, means);
+            self.halve_bricks(&region.voxels, means);
             Ok::<_, Infallible>(())
         });
         grid.size = self.size.map(|n| 0.5 * n);
         grid
+    }
+
+    /// Writes a box of voxels of the next level, x fastest. The samples of each lie in one brick, as
+    /// this has those of its first corners, too, which are shared.
+    fn halve_bricks(&self, voxels: &VoxelBox, means: &mut [f32]) {
+        const CELLS: usize = BRICK_CELLS / 2;
+        means.fill(0.0);
+        let [nx, ny, _] = voxels.dims;
+        let along =
+            |a: usize| voxels.first[a] / CELLS..=(voxels.first[a] + voxels.dims[a] - 1) / CELLS;
+        let mut buffer = [0.0; BRICK_SAMPLES];
+        for b in along(2).flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| [x, y, z])))
+        {
+            let Some(brick) = self.brick(b) else {
+                continue;
+            };
+            let samples = brick.on_voxels(&mut buffer);
+            let own: [_; 3] = std::array::from_fn(|a| {
+                let end = (voxels.first[a] + voxels.dims[a]).min((b[a] + 1) * CELLS);
+                voxels.first[a].max(b[a] * CELLS)..end
+            });
+            // Of a voxel of the next level, by axis, how many of two are in the grid.
+            let count = |a: usize, v: usize| (self.dims[a] - 2 * v).min(2);
+            let [xs, ys, zs] = own;
+            for z in zs {
+                for y in ys.clone() {
+                    let to = ((z - voxels.first[2]) * ny + y - voxels.first[1]) * nx;
+                    let to = to + xs.start - voxels.first[0];
+                    let means = &mut means[to..to + xs.len()];
+                    // Sample s of a brick is that of the voxel at its first corner minus one.
+                    let [ky, kz] = [y, z].map(|v| v % CELLS * 2 + 1);
+                    let row = |y: usize, z: usize| {
+                        let first = (z * BRICK_EDGE + y) * BRICK_EDGE + 1;
+                        &samples[first..first + BRICK_CELLS]
+                    };
+                    let rows = [
+                        row(ky, kz),
+                        row(ky + 1, kz),
+                        row(ky, kz + 1),
+                        row(ky + 1, kz + 1),
+                    ];
+                    let counts = [count(1, y), count(2, z)];
+                    if counts == [2; 2] && xs.len() == CELLS && count(0, xs.end - 1) == 2 {
+                        means.copy_from_slice(&mean_row(rows));
+                        continue;
+                    }
+                    for (mean, x) in means.iter_mut().zip(xs.clone()) {
+                        let (kx, nx) = (x % CELLS * 2, count(0, x));
+                        let pair = |i: usize| {
+                            let is_inside = i % 2 < counts[0] && i / 2 < counts[1];
+                            let row = rows[i];
+                            match (is_inside, nx) {
+                                (false, _) => 0.0,
+                                (true, 1) => row[kx],
+                                (true, _) => row[kx] + row[kx + 1],
+                            }
+                        };
+                        let sum = (pair(0) + pair(1)) + (pair(2) + pair(3));
+                        *mean = sum * (1.0 / (nx * counts[0] * counts[1]) as f32);
+                    }
+                }
+            }
+        }
     }
 
     /// Writes the samples of a box of voxels, x fastest, over what is 0.
@@ -112,6 +172,16 @@ impl Grid {
             }
         }
     }
+}
+
+/// Means over cubes of two an edge of four rows of a brick's own samples.
+#[inline]
+fn mean_row([a, b, c, d]: [&[f32]; 4]) -> [f32; BRICK_CELLS / 2] {
+    let pair = |row: &[f32], i: usize| row[2 * i] + row[2 * i + 1];
+    std::array::from_fn(|i| {
+        let sum = (pair(a, i) + pair(b, i)) + (pair(c, i) + pair(d, i));
+        sum * 0.125
+    })
 }
 
 /// Means over cubes of two an edge of samples, of which there are so many along each axis, x
