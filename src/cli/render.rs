@@ -14,7 +14,7 @@ use crate::bounce::Bounces;
 use crate::formats::{FileKind, Overwrite, TreeMeta};
 use crate::run::Job;
 use crate::scene::Scene;
-use crate::tree::OpenTree;
+use crate::tree::{OpenTree, TreeNeeds};
 use crate::{Error, Result, bake, bounce, build};
 use std::path::{Path, PathBuf};
 
@@ -118,7 +118,7 @@ impl Args {
         bake.check()?;
         let scene = input.load(context)?;
         let settings = self.stages(bake);
-        let others = options.check_with(&scene, 0, job)?;
+        let others = options.check_with(&scene, TreeNeeds::default(), job)?;
         job.heed_warnings()?;
         if self.planning.plan {
             let region = options.region(&scene)?;

@@ -68,7 +68,7 @@ impl Args {
         if let Some(light) = &light {
             store = store.with_scatter(light)?;
         }
-        let others = self.shade.check_with(&scene, store.least_bytes(), job)?;
+        let others = self.shade.check_with(&scene, store.needs(), job)?;
         store = store.beside(others)?;
         if let Some((scatter, path)) = store.scatter.as_ref().zip(light.as_ref()) {
             let meta = scatter.meta();

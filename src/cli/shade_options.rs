@@ -12,7 +12,7 @@ use crate::image::{Exposure, ImageKind, Onlooker, Region, write};
 use crate::run::Job;
 use crate::scene::Scene;
 use crate::shade::{self, Aov, Settings};
-use crate::tree::OpenTree;
+use crate::tree::{OpenTree, TreeNeeds};
 use crate::{Error, Result};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -110,12 +110,12 @@ impl ShadeOptions {
     }
 
     /// The same for what depends on the scene.
-    pub fn check_with(&self, scene: &Scene, tree_bytes: u64, job: &Job) -> Result<u64> {
+    pub fn check_with(&self, scene: &Scene, tree: TreeNeeds, job: &Job) -> Result<u64> {
         let settings = self.settings.least(scene)?;
         self.settings.say_frame(scene, job)?;
         self.tev.check(job);
         let region = self.region.of(&scene.film)?;
-        shade::check_memory(scene, &settings, region, &self.aovs(), tree_bytes, job)
+        shade::check_memory(scene, &settings, region, &self.aovs(), tree, job)
     }
 
     /// The image that it makes, as it may be there already; `None` for one that says nothing of its

@@ -99,7 +99,7 @@ impl Args {
         let film = scene.film;
         Region::tile(film.width, film.height, 0, self.count)?;
         let pixel = Region::full(1, 1);
-        let others = shade::check_memory(&scene, &least, pixel, &[], store.least_bytes(), job)?;
+        let others = shade::check_memory(&scene, &least, pixel, &[], store.needs(), job)?;
         store = store.beside(others)?;
         job.heed_warnings()?;
         if self.planning.plan {

@@ -6,20 +6,11 @@ use crate::run::{Job, memory, size};
 use crate::scene::{Scene, Volume};
 use crate::view::VisibleMedia;
 
-/// Bytes that coarse copies of a scene's grids take, rays that are kept to suns and vertices that
-/// are lit, about: those of sweeps are told for themselves. `shows_no_voxels` says of a volume
-/// whether its single voxels are too small to matter.
+/// Bytes that rays which are kept to suns and vertices that are lit take, about: those of sweeps are
+/// told for themselves. `shows_no_voxels` says of a volume whether its single voxels are too small to
+/// matter.
 pub fn bytes_for(scene: &Scene, shows_no_voxels: impl Fn(&Volume) -> bool) -> u64 {
-    let copies = |v: &Volume| {
-        let bytes = v.sigma_t.bytes() as u64;
-        // One in memory may get a second grid of coarser bricks; in a file the rest is not read.
-        match v.sigma_t.is_read() && v.has_many_voxels() {
-            true => bytes,
-            false => bytes / 2,
-        }
-    };
-    let grids: u64 = scene.volumes.iter().map(copies).sum();
-    grids + SunDepths::bytes_for(scene, shows_no_voxels)
+    SunDepths::bytes_for(scene, shows_no_voxels)
 }
 
 /// Refuses a sweep of a volume that takes more than a limit leaves beside what a stage holds, and

@@ -120,7 +120,7 @@ pub fn run(
     let results = Results::of(points, output, settings)?;
     let receivers = Receivers::new(points, tree.world_from_scene(), settings.bias)?;
     let part = settings.part.of(points.count);
-    let least = tree.least_of_limit();
+    let least = tree.needs_within_limit().least_bytes;
     job.hold(&budget(scene, job).with("the tree", least));
     job.report
         .watched_stage("gather", tree.fitter(job), |counts| {

@@ -30,7 +30,8 @@ pub use settings::Settings;
 pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
     let budget = Budget::default()
         .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes())
+        .with("the scene", scene.bytes_beside_extinctions())
+        .with("media", view::bytes_of_media(&scene.volumes, None))
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with(
             "light in media",

@@ -304,6 +304,13 @@ impl Scene {
     /// textures and grids.
     #[must_use]
     pub fn bytes(&self) -> u64 {
+        let extinctions = self.volumes.iter().map(|v| v.sigma_t.bytes());
+        self.bytes_beside_extinctions() + extinctions.sum::<usize>() as u64
+    }
+
+    /// The same without the grids of extinction of media.
+    #[must_use]
+    pub(crate) fn bytes_beside_extinctions(&self) -> u64 {
         let mut textures: Vec<&Texture> = Vec::new();
         for texture in &self.textures {
             if !textures.iter().any(|t| t.shares_texels(texture)) {
@@ -311,10 +318,9 @@ impl Scene {
             }
         }
         let textures: u64 = textures.iter().map(|t| t.bytes()).sum();
-        let grids = self
-            .grids()
-            .map(|v| v.sigma_t.bytes() + v.albedo_grid.as_ref().map_or(0, AlbedoGrid::bytes));
-        let grids: usize = grids.sum();
+        let albedos = self.volumes.iter().filter_map(|v| v.albedo_grid.as_ref());
+        let emissive = self.emissive.iter().map(|e| e.values.sigma_t.bytes());
+        let grids: usize = albedos.map(AlbedoGrid::bytes).chain(emissive).sum();
         let mesh = match self.as_packed() {
             Some(_) => 0,
             None => self.mesh.bytes(),

@@ -96,9 +96,9 @@ pub fn with_frame<W: FrameWork>(
         job,
         ..
     } = request;
-    let least = tree.least_of_limit();
-    let budget = memory::check(scene, settings, held, quantities, least, job)?;
-    job.hold(&budget.with("the tree", least));
+    let needs = tree.needs_within_limit();
+    let budget = memory::check(scene, settings, held, quantities, needs, job)?;
+    job.hold(&budget.with("the tree", needs.least_bytes));
     view::check_frame(scene, tree.tree().meta().cloud.world_from_scene)?;
     inscatter::check_colors(&tree.tree().meta().cloud.volumes, scene)?;
     let task = FrameTask { request, work };

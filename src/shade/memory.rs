@@ -10,7 +10,8 @@ use crate::inscatter;
 use crate::run::{Budget, Job, memory};
 use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
-use crate::view::View;
+use crate::tree::TreeNeeds;
+use crate::view::{self, View};
 
 /// Bytes of a pixel: the planes asked for, twice while blocks are put together.
 fn per_pixel(quantities: &[Quantity]) -> u64 {
@@ -24,6 +25,7 @@ fn budget(
     settings: &Settings,
     regions: &[Region],
     quantities: &[Quantity],
+    has_scattered_light: bool,
     job: &Job,
 ) -> Budget {
     let film = [scene.film.width, scene.film.height];
@@ -50,9 +52,11 @@ fn budget(
     };
     let picture = camera.map(|camera| (camera, scene.film));
     let shows_no_voxels = |v: &Volume| View::is_of_small_voxels(v, picture);
+    let seen_by = picture.filter(|_| !has_scattered_light);
     Budget::default()
         .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes())
+        .with("the scene", scene.bytes_beside_extinctions())
+        .with("media", view::bytes_of_media(&scene.volumes, seen_by))
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with(
             "light in media",
@@ -68,8 +72,7 @@ fn budget(
 }
 
 /// Refuses regions that take more than the job's limit whatever the caches of the tree do, or
-/// pixels that surely take more than the machine has; `tree_bytes` is the least that their tree
-/// takes. Returns what they hold beside that.
+/// pixels that surely take more than the machine has. Returns what they hold beside their tree.
 ///
 /// # Errors
 /// Says what they take, and how to shade in parts.
@@ -78,14 +81,15 @@ pub fn check(
     settings: &Settings,
     regions: &[Region],
     quantities: &[Quantity],
-    tree_bytes: u64,
+    tree: TreeNeeds,
     job: &Job,
 ) -> Result<Budget> {
     let film = [scene.film.width, scene.film.height];
     let pixels: u64 = regions.iter().map(|r| r.pixels() as u64).sum();
-    let budget = budget(scene, settings, regions, quantities, job);
+    let is_lit = tree.has_scattered_light;
+    let budget = budget(scene, settings, regions, quantities, is_lit, job);
     let advice = "raise `memory_limit`, or shade a part: `region` X0 Y0 X1 Y1 or `tile` I/N";
-    let with_tree = budget.clone().with("the tree", tree_bytes);
+    let with_tree = budget.clone().with("the tree", tree.least_bytes);
     with_tree.within(
         format_args!("shading {pixels} pixels"),
         job.memory_limit,

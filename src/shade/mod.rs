@@ -33,7 +33,7 @@ use crate::image::{CostMap, Frame, Onlooker, Region};
 use crate::math::Rgb;
 use crate::run::{Job, Walked};
 use crate::scene::Scene;
-use crate::tree::OpenTree;
+use crate::tree::{OpenTree, TreeNeeds};
 use crate::{Error, Result, inscatter};
 use cost::CostPilot;
 use frame::{Request, shade_regions, with_frame};
@@ -43,9 +43,9 @@ pub use origin::Image;
 pub use pixels::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
 
-/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree, or with one of
-/// which so many bytes are the least ([`OpenTree::least_bytes`]). Returns the bytes that it holds
-/// beside the tree, for [`OpenTree::beside`].
+/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree, or with one that
+/// has such needs ([`OpenTree::needs`]). Returns the bytes that it holds beside the tree, for
+/// [`OpenTree::beside`].
 ///
 /// # Errors
 /// More pixels than the memory limit allows, or than the machine has memory for.
@@ -54,11 +54,11 @@ pub fn check_memory(
     settings: &Settings,
     region: Region,
     aovs: &[Aov],
-    tree_bytes: u64,
+    tree: TreeNeeds,
     job: &Job,
 ) -> Result<u64> {
     let quantities = pixels::quantities(aovs);
-    let budget = memory::check(scene, settings, &[region], &quantities, tree_bytes, job)?;
+    let budget = memory::check(scene, settings, &[region], &quantities, tree, job)?;
     Ok(budget.bytes())
 }
 

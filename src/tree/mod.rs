@@ -30,5 +30,5 @@ pub use aggregate_sums::AggregateSums;
 pub use decoder::PageStats;
 pub(crate) use evenness::{MISLEADING_DIFFERENCE, is_even};
 pub(crate) use media::{IncidentGrid, LvoxelBlock, Media};
-pub use open_tree::OpenTree;
+pub use open_tree::{OpenTree, TreeNeeds};
 pub(crate) use pages::{Page, SurfelStore};

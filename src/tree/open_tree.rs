@@ -64,6 +64,15 @@ fn read_media(tree: &Tree<MappedFile>, path: &Path, memory_limit: Option<u64>) -
     Ok(media.with_dark())
 }
 
+/// What a tree makes frames hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TreeNeeds {
+    /// Bytes with which it can be used, as [`OpenTree::least_bytes`].
+    pub least_bytes: u64,
+    /// Whether light inside media was made beforehand, on the voxels that all cameras share.
+    pub has_scattered_light: bool,
+}
+
 impl OpenTree {
     /// Most segments of paths of direct light and one bounce.
     pub(crate) const SEGMENTS_OF_ONE_BOUNCE: u32 = 3;
@@ -111,9 +120,21 @@ impl OpenTree {
         self.media.bytes() as u64 + SurfelStore::least_bytes(self.tree())
     }
 
-    /// The same of a tree within a memory limit; 0 of one without.
-    pub(crate) fn least_of_limit(&self) -> u64 {
-        self.memory_limit.map_or(0, |_| self.least_bytes())
+    /// What frames hold more of than of other trees.
+    #[must_use]
+    pub fn needs(&self) -> TreeNeeds {
+        TreeNeeds {
+            least_bytes: self.least_bytes(),
+            has_scattered_light: self.scatter.is_some(),
+        }
+    }
+
+    /// The same of a tree within a memory limit; one without needs no bytes.
+    pub(crate) fn needs_within_limit(&self) -> TreeNeeds {
+        TreeNeeds {
+            least_bytes: self.memory_limit.map_or(0, |_| self.least_bytes()),
+            ..self.needs()
+        }
     }
 
     /// The same tree, of which no page was used yet, where its memory limit holds so many bytes of

@@ -39,6 +39,37 @@ pub fn media_of_all_cameras(volumes: &[Volume]) -> Result<Option<Vec<Volume>>> {
     with_bricks(volumes, volumes.iter().map(|_| 0), None)
 }
 
+/// Bytes of memory that the grids of media take for the picture of a camera, or for those of all,
+/// about: those in memory with their coarser copies, and of those in a file what is read for it.
+pub fn bytes_of_media(volumes: &[Volume], picture: Option<(&Camera, Film)>) -> u64 {
+    let is_alone = volumes.len() == 1;
+    let of = |volume: &Volume| {
+        let whole = volume.sigma_t.bytes();
+        if volume.sigma_t.is_read() {
+            // A second grid of coarser bricks may be as large.
+            return match volume.has_many_voxels() {
+                true => 2 * whole,
+                false => whole + whole / 2,
+            };
+        }
+        let level = picture.map_or(0, |(camera, film)| level(volume, camera, film));
+        let adapted = || {
+            let volume = volume.at_level(level);
+            let allowed = allowed(&volume, picture, is_alone)?;
+            volume.sigma_t.adapted_bytes(allowed)
+        };
+        let bricks = match volume.albedo_grid {
+            Some(_) => None,
+            None => adapted(),
+        };
+        let bytes = |level: usize| volume.level(level).bytes();
+        let dims = |level: usize| volume.level(level).dims();
+        let coarser = (level + 1..).take_while(|&l| dims(l) != dims(l - 1));
+        bricks.unwrap_or_else(|| bytes(level)) + coarser.map(bytes).sum::<usize>()
+    };
+    volumes.iter().map(|v| of(v) as u64).sum()
+}
+
 fn with_bricks(
     volumes: &[Volume],
     levels: impl Iterator<Item = usize>,
@@ -64,8 +95,20 @@ fn adapted(
     picture: Option<(&Camera, Film)>,
     where_smooth: bool,
 ) -> Result<Option<Volume>> {
+    match allowed(volume, picture, where_smooth) {
+        Some(allowed) => volume.adapted(allowed),
+        None => Ok(None),
+    }
+}
+
+/// The levels that bricks of a volume may be on, by their place; `None` if all stay as they are.
+fn allowed<'a>(
+    volume: &'a Volume,
+    picture: Option<(&Camera, Film)>,
+    where_smooth: bool,
+) -> Option<impl Fn([usize; 3]) -> Allowed + Sync + use<'a>> {
     if !volume.has_many_voxels() || (picture.is_none() && !where_smooth) {
-        return Ok(None);
+        return None;
     }
     let voxel = volume.longest_voxel_edge();
     let half_diagonal = 0.5 * 3.0_f32.sqrt() * BRICK_CELLS as f32 * voxel;
@@ -75,7 +118,7 @@ fn adapted(
         false => -1.0,
     };
     let pixels = picture.map(|(camera, film)| (camera.origin(), pixel_angle(camera, film)));
-    volume.adapted(|brick| {
+    Some(move |brick| {
         let unseen = pixels.map_or(0, |(origin, pixel)| {
             let distance = volume.middle_of_brick(brick).distance(origin) - half_diagonal;
             let most = (MAX_PIXELS * pixel * distance / voxel) as usize;

@@ -6,7 +6,7 @@
 mod geometry;
 mod levels;
 
-pub use levels::{media_of_all_cameras, media_on_pixels};
+pub use levels::{bytes_of_media, media_of_all_cameras, media_on_pixels};
 
 use crate::image::Region;
 use crate::math::{PhaseFunction, SeenPhase};

@@ -9,7 +9,7 @@ use lvox::image::{Frame, Missing, Region, merge};
 use lvox::internals::tree;
 use lvox::run::Job;
 use lvox::shade::{self as stage, Aov, Settings};
-use lvox::tree::OpenTree;
+use lvox::tree::{OpenTree, TreeNeeds};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -307,7 +307,8 @@ fn what_memory_cannot_hold_is_told_before_it_is_made() {
         y1: 12,
     };
     let held = |region| {
-        lvox::shade::check_memory(&scene, &settings, region, &[], 0, &Job::default()).unwrap()
+        let needs = TreeNeeds::default();
+        lvox::shade::check_memory(&scene, &settings, region, &[], needs, &Job::default()).unwrap()
     };
     let job = Job {
         memory_limit: Some(held(part) + 70_000),

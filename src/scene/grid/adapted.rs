@@ -6,7 +6,7 @@
 //! that are of a coarse brick before it from there. Else fields have steps between bricks on unlike
 //! levels, as small as their errors.
 
-use super::brick::MAX_BRICK_LEVEL;
+use super::brick::{MAX_BRICK_LEVEL, samples_at};
 use super::{Brick, Grid, Known, StoredBricks, VolumeGrid, brick_dims, flatten};
 use crate::Result;
 use crate::formats::BrickEntry;
@@ -90,6 +90,76 @@ where
     }
 }
 
+/// The errors of bricks that are stored, by their places.
+struct StoredErrors<'a> {
+    stored: &'a StoredBricks<'a>,
+    bricks: [usize; 3],
+    /// Numbers of entries, of all bricks; beyond the last of those that have none.
+    entry_of: Vec<u32>,
+}
+
+impl<'a> StoredErrors<'a> {
+    fn new(stored: &'a StoredBricks<'a>, dims: [usize; 3]) -> Result<Self> {
+        let bricks = brick_dims(dims);
+        let count = bricks.iter().product();
+        let mut entry_of = memory::filled("the grid of a volume", u32::MAX, count)?;
+        for (i, entry) in (0..).zip(stored.entries) {
+            entry_of[flatten(entry.place.map(|c| c as usize), bricks)] = i;
+        }
+        Ok(Self {
+            stored,
+            bricks,
+            entry_of,
+        })
+    }
+
+    /// The error of a brick on a coarser level.
+    fn of(&self, place: [usize; 3], level: usize) -> Option<f32> {
+        let entry = self.entry_of[flatten(place, self.bricks)];
+        Some(self.stored.errors.get(entry as usize)?[level - 1])
+    }
+
+    /// The largest of a brick's own samples, and its error on level 1.
+    fn first(&self, place: [usize; 3]) -> Option<[f32; 2]> {
+        let entry = self.entry_of[flatten(place, self.bricks)];
+        let max = self.stored.entries.get(entry as usize)?.max;
+        Some([max, self.of(place, 1)?])
+    }
+
+    /// What no sample of a level is above, which is not read.
+    fn most(&self, level: usize) -> MostOfLevel {
+        let bricks = self.bricks.map(|n| (n >> level) + 1);
+        let mut most = vec![0.0_f32; bricks.iter().product()];
+        for entry in self.stored.entries {
+            let brick = flatten(entry.place.map(|c| c as usize >> level), bricks);
+            most[brick] = most[brick].max(entry.max);
+        }
+        MostOfLevel {
+            level,
+            bricks,
+            most,
+        }
+    }
+}
+
+/// The largest of the samples that each brick of a level is made of.
+struct MostOfLevel {
+    level: usize,
+    bricks: [usize; 3],
+    most: Vec<f32>,
+}
+
+impl MostOfLevel {
+    /// The largest around a brick on voxels, nearly as [`Grid::most_around`] has it.
+    fn around(&self, place: [usize; 3]) -> f32 {
+        let bricks =
+            (0..8).map(|i| std::array::from_fn(|a| (place[a] + (i >> a & 1)) >> self.level));
+        bricks.fold(0.0, |most, brick| {
+            most.max(self.most[flatten(brick, self.bricks)])
+        })
+    }
+}
+
 /// Whether more than three quarters of the bricks that have samples may be on coarser levels, by one of
 /// 64: `found` tells the largest of a brick's own samples, and its error on level 1 as that of [`Choice`].
 fn pays(
@@ -139,26 +209,45 @@ impl VolumeGrid {
         allowed: impl Fn([usize; 3]) -> Allowed + Sync,
     ) -> Result<Option<Grid>> {
         let known = self.known();
-        let bricks = brick_dims(known.dims);
-        let count = bricks.iter().product();
-        let mut entry_of = memory::filled("the grid of a volume", u32::MAX, count)?;
-        for (i, entry) in (0..).zip(stored.entries) {
-            entry_of[flatten(entry.place.map(|c| c as usize), bricks)] = i;
-        }
-        let error = |place, level: usize, _| {
-            let entry = entry_of[flatten(place, bricks)];
-            Some(stored.errors.get(entry as usize)?[level - 1])
-        };
-        let first = |place, most| {
-            let entry = entry_of[flatten(place, bricks)];
-            let max = stored.entries.get(entry as usize)?.max;
-            Some([max, error(place, 1, most)?])
-        };
-        if !pays(bricks, &allowed, first) {
+        let errors = StoredErrors::new(&stored, known.dims)?;
+        if !pays(errors.bricks, &allowed, |place, _| errors.first(place)) {
             return Ok(None);
         }
+        let error = |place, level, _| errors.of(place, level);
         let levels = self.levels_of_bricks(self.coarser_levels(), allowed, error)?;
         Grid::unpack_on(&levels, known, stored.entries, stored.read).map(Some)
+    }
+
+    /// Bytes that it takes as [`VolumeGrid::adapted`] makes it, about; `None` if it is not stored with
+    /// the errors of its bricks, or they are not worth it. None is read for it.
+    pub fn adapted_bytes(&self, allowed: impl Fn([usize; 3]) -> Allowed + Sync) -> Option<usize> {
+        let stored = self.in_file().filter(|_| !self.is_adapted())?;
+        let errors = StoredErrors::new(&stored, self.dims()).ok()?;
+        if !pays(errors.bricks, &allowed, |place, _| errors.first(place)) {
+            return None;
+        }
+        let most = [1, 2, 3].map(|level| errors.most(level));
+        let samples = |entry: &BrickEntry| {
+            let place = entry.place.map(|c| c as usize);
+            let allowed = allowed(place);
+            let is_unseen = |level: &usize| {
+                let most = &most[level - 1];
+                most.around(place) * (1 << level) as f32 <= allowed.depth
+            };
+            let unseen = (1..=allowed.unseen.min(MAX_BRICK_LEVEL))
+                .rev()
+                .find(is_unseen);
+            let is_smooth = |level: &usize| {
+                let error = errors.of(place, *level);
+                error.is_some_and(|error| error <= allowed.error)
+            };
+            let unseen = unseen.unwrap_or(0);
+            let smooth = (unseen + 1..=MAX_BRICK_LEVEL).take_while(is_smooth);
+            samples_at(smooth.last().unwrap_or(unseen))
+        };
+        let samples: usize = stored.entries.par_iter().map(samples).sum();
+        let slots: usize = errors.bricks.iter().product();
+        Some((samples + stored.entries.len() + slots) * size_of::<f32>())
     }
 
     fn adapted_in_memory(
@@ -477,6 +566,13 @@ mod tests {
             let pages = stored.levels[0].1.entries().len().div_ceil(PAGE_BRICKS);
             let read = stored.pages.load(Ordering::Relaxed);
             assert!(read < pages && !in_file.is_read(), "{read} of {pages}");
+            // What it takes is known before, but for bricks that only share samples: many here.
+            let expected = in_file.adapted_bytes(allowed).unwrap();
+            let has_own = |b: &[usize; 3]| finest.brick(*b).is_some_and(|b| b.has_own_samples());
+            let shared = (found.bricks()).filter(|b| found.brick(*b).is_some() && !has_own(b));
+            let shared = shared.count() * (BRICK_SAMPLES + 1) * size_of::<f32>();
+            let share = (found.bytes() - shared) as f32 / expected as f32;
+            assert!((0.9..1.1).contains(&share), "{share} of {expected}");
             // Coarser levels are those of the whole field.
             assert!(*found.coarser() == *finest.coarser());
             let coarser = in_file.coarser_levels();

@@ -310,3 +310,82 @@ impl Brick<'_> {
         error
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sampling;
+
+    /// The samples of a brick on a level, one by one.
+    fn plain(around: &Around, level: usize, most: f32) -> Vec<f32> {
+        let taps = taps(level);
+        let edge = edge_at(level);
+        let filtered = |samples: [f32; 4]| {
+            let [a, b, c, d] = std::array::from_fn(|i| taps[i] * samples[i]);
+            (b + c) + (a + d)
+        };
+        let four = [0, 1, 2, 3];
+        let along_x = |x: usize, y: usize, z: usize| filtered(four.map(|i| around[z][y][x + i]));
+        let along_y = |x, y, z| filtered(four.map(|i| along_x(x, y + i, z)));
+        let along_z = |x, y, z| filtered(four.map(|i| along_y(x, y, z + i)));
+        let places = (0..edge.pow(3)).map(|i| crate::math::unflatten(i, [edge; 3]));
+        let values = places.map(|[x, y, z]| along_z(x, y, z).max(0.0).min(most));
+        values.collect()
+    }
+
+    #[test]
+    fn samples_of_coarse_bricks_are_those_that_are_made_one_by_one() {
+        let unit = |i: usize| sampling::unit(sampling::hash(&[i as u64])) - 0.2;
+        let around: Around = std::array::from_fn(|z| {
+            std::array::from_fn(|y| std::array::from_fn(|x| unit((z * WIDEST + y) * PADDED + x)))
+        });
+        for most in [f32::INFINITY, 0.5] {
+            let check = |level: usize, write: fn(&Around, f32, &mut [f32]) -> f32| {
+                let mut found = vec![0.0; samples_at(level)];
+                let largest = write(&around, most, &mut found);
+                assert_eq!(found, plain(&around, level, most), "{level}");
+                assert_eq!(largest, found.iter().copied().fold(0.0, f32::max));
+            };
+            check(1, write_filtered::<1>);
+            check(2, write_filtered::<2>);
+            check(3, write_filtered::<3>);
+        }
+    }
+
+    #[test]
+    fn no_number_becomes_nothing() {
+        let mut around: Around = [[[1.0; PADDED]; WIDEST]; WIDEST];
+        around[3][3][3] = f32::NAN;
+        let mut found = [2.0; samples_at(1)];
+        let largest = write_filtered::<1>(&around, 9.0, &mut found);
+        assert!(largest <= 9.0 && found.iter().all(|v| (0.0..=9.0).contains(v)));
+        assert!(found.contains(&0.0));
+    }
+
+    #[test]
+    fn rows_go_across_bricks() {
+        let bricks = [0, 1000].map(|first| {
+            let numbers = (first..).take(super::super::BRICK_SAMPLES);
+            numbers.map(|i| i as f32).collect::<Vec<_>>()
+        });
+        let [a, b] = bricks.each_ref().map(|b| Some(&b[..]));
+        for first in [1, 3, 5, 7] {
+            let across = Across::new(first);
+            for from in [0, BRICK_EDGE, 70 * BRICK_EDGE] {
+                for (bricks, has) in [
+                    ([a, b], [1.0, 1.0]),
+                    ([None, b], [0.0, 1.0]),
+                    ([a, None], [1.0, 0.0]),
+                ] {
+                    let row = across.row(bricks, from);
+                    let count = BRICK_CELLS - first;
+                    let expected: [f32; WIDEST] = std::array::from_fn(|x| match x < count {
+                        true => has[0] * (from + first + x) as f32,
+                        false => has[1] * (1000 + from + x - count) as f32,
+                    });
+                    assert_eq!(*row.as_array(), expected);
+                }
+            }
+        }
+    }
+}
