@@ -9,7 +9,7 @@ use lvox::scene::{
     CameraInput, Film, Grid, LightInput, MeshInput, Scene, SceneBuilder, VolumeInput,
 };
 use lvox::shade::{self, Settings};
-use lvox::tree::OpenTree;
+use lvox::tree::{OpenTree, TreeNeeds};
 use lvox::{pack, scatter};
 use std::collections::BTreeMap;
 
@@ -135,6 +135,14 @@ fn frames_amid_smooth_voxels_take_as_much_work_as_the_cloud_is_detailed() {
     let (again, _) = shaded(&packed, &tree, Region::full(64, 48));
     assert!(beauty(&again) == beauty(&frame));
     assert!(!packed.volumes[0].sigma_t.is_read());
+    // A limit asks for what a frame reads.
+    let held = [&many, &packed].map(|scene| {
+        let (settings, whole) = (Settings::default(), Region::full(64, 48));
+        let needs = TreeNeeds::default();
+        shade::check_memory(scene, &settings, whole, &[], needs, &Job::default()).unwrap()
+    });
+    let voxels = many.volumes[0].sigma_t.bytes() as u64;
+    assert!(held[1] + voxels < held[0], "{held:?}, {voxels}");
     let lit = [(&many, "a.lvs"), (&packed, "b.lvs")].map(|(scene, name)| {
         let (light, settings) = (work.path(name), scatter::Settings::default());
         scatter::run(scene, &tree, &light, &settings, Overwrite::Refuse, &job).unwrap();
