@@ -2,7 +2,7 @@
 
 use crate::math::unflatten;
 use crate::scene::Grid;
-use crate::scene::grid::{BRICK_CELLS, Cell};
+use crate::scene::grid::{BRICK_CELLS, Brick, Cell};
 use rayon::prelude::*;
 
 /// Vertices along each axis of a lattice of cells `step` voxels wide.
@@ -23,35 +23,40 @@ pub fn cells(
     step: usize,
     matters: impl Fn(Cell) -> bool + Sync,
 ) -> Vec<[usize; 3]> {
-    let of_bricks: Vec<Vec<[usize; 3]>> = bricks
-        .par_iter()
-        .map(|&brick| of_brick(grid, brick, step, &matters))
-        .collect();
-    of_bricks.concat()
+    around_cells(grid, bricks, step, |brick| brick.cells_that(&matters))
 }
 
 /// The same where every cell matters that is not empty.
 pub fn filled_cells(grid: &Grid, bricks: &[[usize; 3]], step: usize) -> Vec<[usize; 3]> {
+    around_cells(grid, bricks, step, |brick| brick.filled_cells())
+}
+
+/// The same of the cells of a brick that `chosen` has a bit for, by row.
+fn around_cells(
+    grid: &Grid,
+    bricks: &[[usize; 3]],
+    step: usize,
+    chosen: impl Fn(Brick<'_>) -> [u8; BRICK_CELLS * BRICK_CELLS] + Sync,
+) -> Vec<[usize; 3]> {
     let of_brick = |&b: &[usize; 3]| {
         let Some(brick) = grid.brick(b) else {
             return Vec::new();
         };
-        let rows = brick.filled_cells();
+        let rows = chosen(brick);
         let mut filled = BrickCells::new(b, step);
+        let ends = [0, 1, 2].map(|a| std::array::from_fn(|c| filled.ends(a, c)));
+        let [xs, ys, zs]: [[[usize; 2]; BRICK_CELLS]; 3] = ends;
         // The cells along x that are in each cell of the lattice.
         let columns: Vec<u8> = (0..filled.across)
             .map(|column| {
-                let is_in = |c: &usize| filled.ends(0, *c).contains(&column);
+                let is_in = |c: &usize| xs[*c].contains(&column);
                 (0..BRICK_CELLS)
                     .filter(is_in)
                     .fold(0, |bits, c| bits | 1 << c)
             })
             .collect();
         for (i, &row) in rows.iter().enumerate().filter(|(_, row)| **row != 0) {
-            let [ys, zs] = [
-                filled.ends(1, i % BRICK_CELLS),
-                filled.ends(2, i / BRICK_CELLS),
-            ];
+            let [ys, zs] = [ys[i % BRICK_CELLS], zs[i / BRICK_CELLS]];
             for j in 0..4 {
                 let first = (zs[j >> 1] * filled.across + ys[j & 1]) * filled.across;
                 for (column, bits) in columns.iter().enumerate() {
@@ -63,30 +68,6 @@ pub fn filled_cells(grid: &Grid, bricks: &[[usize; 3]], step: usize) -> Vec<[usi
     };
     let of_bricks: Vec<Vec<[usize; 3]>> = bricks.par_iter().map(of_brick).collect();
     of_bricks.concat()
-}
-
-fn of_brick(
-    grid: &Grid,
-    brick: [usize; 3],
-    step: usize,
-    matters: &impl Fn(Cell) -> bool,
-) -> Vec<[usize; 3]> {
-    let Some(cells) = grid.brick(brick) else {
-        return Vec::new();
-    };
-    let mut filled = BrickCells::new(brick, step);
-    for i in 0..BRICK_CELLS.pow(3) {
-        let c = unflatten(i, [BRICK_CELLS; 3]);
-        if !matters(cells.cell::<false>(c.map(|c| c >> cells.level))) {
-            continue;
-        }
-        let ends: [[usize; 2]; 3] = std::array::from_fn(|a| filled.ends(a, c[a]));
-        for i in 0..8 {
-            let [x, y, z]: [usize; 3] = std::array::from_fn(|a| ends[a][i >> a & 1]);
-            filled.are_filled[(z * filled.across + y) * filled.across + x] = true;
-        }
-    }
-    filled.list()
 }
 
 /// The cells of a lattice that a brick of a grid may touch.
@@ -133,6 +114,37 @@ impl BrickCells {
 mod tests {
     use super::*;
     use crate::scene::grid::{Allowed, VolumeGrid};
+    use glam::Vec3A;
+    use std::collections::BTreeSet;
+
+    /// The cells of a lattice in which those of bricks lie that matter, voxel by voxel.
+    fn one_by_one(
+        grid: &Grid,
+        bricks: &[[usize; 3]],
+        step: usize,
+        matters: impl Fn(Cell) -> bool,
+    ) -> Vec<[usize; 3]> {
+        let mut all = Vec::new();
+        for b in bricks {
+            let Some(brick) = grid.brick(*b) else {
+                continue;
+            };
+            // z first, as they are listed.
+            let mut found = BTreeSet::new();
+            let voxels = (0..BRICK_CELLS.pow(3)).map(|i| unflatten(i, [BRICK_CELLS; 3]));
+            for c in voxels.filter(|c| matters(brick.cell::<false>(c.map(|c| c >> brick.level)))) {
+                for i in 0..8 {
+                    let [x, y, z] = std::array::from_fn(|a| {
+                        let twice = 2 * (b[a] * BRICK_CELLS + c[a]);
+                        [twice.saturating_sub(1), twice + 1][i >> a & 1] / (2 * step)
+                    });
+                    found.insert([z, y, x]);
+                }
+            }
+            all.extend(found.into_iter().map(|[z, y, x]| [x, y, z]));
+        }
+        all
+    }
 
     #[test]
     fn filled_cells_are_those_in_which_any_cell_is_not_empty() {
@@ -147,8 +159,11 @@ mod tests {
         for grid in [&grid, &adapted.unwrap()] {
             let bricks: Vec<_> = grid.bricks().collect();
             for step in [1, 2, 4, 8, 16, 64] {
-                let plain = cells(grid, &bricks, step, |cell| !cell.is_empty());
+                let plain = one_by_one(grid, &bricks, step, |cell| !cell.is_empty());
                 assert_eq!(filled_cells(grid, &bricks, step), plain, "{step}");
+                let matters = |cell: Cell| cell.value(Vec3A::splat(0.5)) > 0.2;
+                let plain = one_by_one(grid, &bricks, step, matters);
+                assert_eq!(cells(grid, &bricks, step, matters), plain, "{step}");
             }
         }
     }

@@ -105,7 +105,7 @@ impl Brick<'_> {
     #[must_use]
     pub fn filled_cells(&self) -> [u8; BRICK_CELLS * BRICK_CELLS] {
         if self.level > 0 {
-            return self.filled_coarse_cells();
+            return self.coarse_cells_that(|cell| !cell.is_empty());
         }
         // By row of samples, a bit for each that is not 0, and one for each pair of these.
         let mut pairs = [0_u16; BRICK_EDGE * BRICK_EDGE];
@@ -207,12 +207,25 @@ impl Brick<'_> {
         cell.value(Vec3A::new(x.1, y.1, z.1))
     }
 
-    fn filled_coarse_cells(&self) -> [u8; BRICK_CELLS * BRICK_CELLS] {
+    /// The cells of which `is_one` is true, as [`Brick::filled_cells`] has them.
+    #[must_use]
+    pub fn cells_that(&self, is_one: impl Fn(Cell) -> bool) -> [u8; BRICK_CELLS * BRICK_CELLS] {
+        if self.level > 0 {
+            return self.coarse_cells_that(is_one);
+        }
+        std::array::from_fn(|row| {
+            let [y, z] = [row % BRICK_CELLS, row / BRICK_CELLS];
+            let bit = |x: usize| u8::from(is_one(self.cell::<true>([x, y, z]))) << x;
+            (0..BRICK_CELLS).fold(0, |bits, x| bits | bit(x))
+        })
+    }
+
+    fn coarse_cells_that(&self, is_one: impl Fn(Cell) -> bool) -> [u8; BRICK_CELLS * BRICK_CELLS] {
         let mut rows = [0; BRICK_CELLS * BRICK_CELLS];
         let across = BRICK_CELLS >> self.level;
         let width = 1 << self.level;
         for cell in (0..across.pow(3)).map(|i| unflatten(i, [across; 3])) {
-            if self.cell::<false>(cell).is_empty() {
+            if !is_one(self.cell::<false>(cell)) {
                 continue;
             }
             let [x, y, z] = cell.map(|c| c * width);
