@@ -2,6 +2,7 @@
 //! of these.
 
 use crate::scene::Grid;
+use crate::scene::grid::largest;
 use glam::DVec3;
 use lvox_formats::record::MAX_LEVEL;
 
@@ -66,19 +67,26 @@ impl BrickField {
             let Some(brick) = grid.brick(from) else {
                 continue;
             };
-            let [x, y, z] = along.map(|[first, end, from]| (first..end).zip(from..));
+            let [y, z] = [1, 2].map(|a| {
+                let [first, end, from] = along[a];
+                (first..end).zip(from..)
+            });
+            const CORNERS: usize = EDGE - 1;
             for (k, z) in z {
                 for (j, y) in y.clone() {
-                    for (i, x) in x.clone() {
-                        let cells = EDGE - 1;
-                        samples[(k * EDGE + j) * EDGE + i] =
-                            brick.samples()[(z * cells + y) * cells + x];
+                    let row = &brick.samples()[(z * CORNERS + y) * CORNERS..][..CORNERS];
+                    let out = &mut samples[(k * EDGE + j) * EDGE..][..EDGE];
+                    match is_upper[0] {
+                        false => out[..CORNERS].copy_from_slice(row),
+                        true => out[CORNERS] = row[along[0][2]],
                     }
                 }
             }
         }
-        let max = samples.iter().copied().fold(0.0, f32::max);
-        Self { samples, max }
+        Self {
+            samples,
+            max: largest(&samples),
+        }
     }
 
     /// The mean of the field over a block.

@@ -32,7 +32,7 @@ fn around<const LEVEL: usize>(corner: usize) -> (usize, f32) {
 }
 
 /// The largest of samples that are at least 0.
-pub(super) fn largest(samples: &[f32]) -> f32 {
+pub fn largest(samples: &[f32]) -> f32 {
     // Eight at a time: one after the other would wait for each other.
     let mut eight = [0.0_f32; 8];
     let chunks = samples.chunks_exact(8);

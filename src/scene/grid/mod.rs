@@ -26,7 +26,7 @@ mod pyramid;
 mod volume_grid;
 
 pub use adapted::{Allowed, Errors};
-pub use brick::{Brick, Cell};
+pub use brick::{Brick, Cell, largest};
 pub(super) use layout::{Layout, Region, VoxelBox};
 pub use pyramid::Pyramid;
 pub use volume_grid::{Known, StoredBricks, StoredLevels, VolumeGrid};
