@@ -8,6 +8,7 @@ use super::source::{InScatter, RayMemo};
 use crate::math::segment::{Composite, Segment};
 use crate::math::{Ray, Rgb, Spectrum};
 use crate::trace::{Cells, RayInVolume};
+use glam::Vec3;
 use std::cell::{Cell, RefCell};
 
 /// What a march took.
@@ -42,6 +43,12 @@ struct CameraRay<'a, 'b, G: GatherInMedia> {
     source: Rgb,
     /// Parts that were lit.
     lit: u64,
+    /// Cells that are not lit yet.
+    open: Option<Stretch>,
+    /// Where they end at the latest.
+    end: f32,
+    /// Edge of a voxel.
+    voxel: f32,
 }
 
 /// Optical depth of cells that are lit as one, at most, where all of it is seen; what is seen by a
@@ -88,6 +95,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         cells: Cells,
         color: [f32; 3],
     ) -> (Composite<G::Share>, Marched) {
+        let voxel = self.view.tracer.volumes[0].longest_voxel_edge();
         let mut camera_ray = CameraRay {
             light: self,
             ray,
@@ -96,68 +104,20 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             memo: RayMemo::default(),
             source: Rgb::BLACK,
             lit: 0,
+            open: None,
+            end: 0.0,
+            voxel,
         };
-        let mut open: Option<Stretch> = None;
-        let mut most = 0.0;
         let mut marched = 0;
-        let voxel = self.view.tracer.volumes[0].longest_voxel_edge();
         let shows_voxels = |edge, distance| self.view.shows_voxels(edge * voxel, distance);
-        let mut add = |camera_ray: &mut CameraRay<G>, cell: RayInVolume| {
-            let seen = camera_ray.passed.transmittance.most();
-            if seen < OPAQUE {
-                camera_ray.pass(cell.tau);
-                let seen = camera_ray.passed.transmittance.most();
-                return seen > Composite::<G::Share>::NOTHING;
-            }
-            let through = camera_ray.passed.transmittance;
-            let of_seen = SeenChannels::new(through, &color).extinction;
-            let front = self.front_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
-            let [deepest, depth] = stretch_depths(front.is_some(), seen);
-            if cell.tau * of_seen > deepest {
-                if let Some(stretch) = open.take() {
-                    camera_ray.add_stretch(stretch);
-                }
-                cell.pieces().for_each(|piece| camera_ray.add_piece(piece));
-                return true;
-            }
-            if let Some(stretch) = open.as_mut() {
-                let fits =
-                    (stretch.tau + cell.tau) * of_seen <= depth && cell.far - stretch.near <= most;
-                if fits {
-                    stretch.add(cell);
-                    return true;
-                }
-                camera_ray.add_stretch(*stretch);
-            }
-            let least = || self.least_spacing(0, ray.at(0.5 * (cell.near + cell.far)));
-            most = front.unwrap_or_else(|| least().max(camera_ray.memo.evenly_lit()));
-            let mut stretch = Stretch {
-                near: cell.near,
-                far: cell.near,
-                tau: 0.0,
-                moment: 0.0,
-                cells: 0,
-            };
-            stretch.add(cell);
-            open = Some(stretch);
-            true
-        };
         cells.each_by_middle(shows_voxels, |cell| {
             marched += 1;
-            if cell.far - cell.near <= 3.0_f32.sqrt() * voxel {
-                return add(&mut camera_ray, cell);
+            match cell.far - cell.near <= 3.0_f32.sqrt() * voxel {
+                true => camera_ray.add_cell(cell),
+                false => camera_ray.add_coarse_cell(cell),
             }
-            // Light may change within a coarse cell.
-            let middle = ray.at(0.5 * (cell.near + cell.far));
-            let longest = (self.front_spacing(0, middle)).unwrap_or_else(|| {
-                (self.least_spacing(0, middle)).max(camera_ray.memo.evenly_lit())
-            });
-            let mut parts = cell.parts(longest.max(voxel));
-            parts.all(|part| add(&mut camera_ray, part))
         });
-        if let Some(stretch) = open.take() {
-            camera_ray.add_stretch(stretch);
-        }
+        camera_ray.light_open();
         counts::add(&self.counters.marched, marched);
         counts::add(&self.counters.segments, camera_ray.lit);
         let took = Marched {
@@ -213,6 +173,90 @@ impl Stretch {
 }
 
 impl<G: GatherInMedia> CameraRay<'_, '_, G> {
+    /// Adds a cell to those in a row that are lit as one; `false` once nothing is seen of the next.
+    #[inline]
+    fn add_cell(&mut self, cell: RayInVolume) -> bool {
+        let seen = self.passed.transmittance.most();
+        if seen < OPAQUE {
+            self.pass(cell.tau);
+            let seen = self.passed.transmittance.most();
+            return seen > Composite::<G::Share>::NOTHING;
+        }
+        let of_seen = SeenChannels::new(self.passed.transmittance, &self.color).extinction;
+        let front = self.front_spacing(cell);
+        let [deepest, depth] = stretch_depths(front.is_some(), seen);
+        if cell.tau * of_seen > deepest {
+            self.light_open();
+            cell.pieces().for_each(|piece| self.add_piece(piece));
+            return true;
+        }
+        if let Some(stretch) = self.open.as_mut() {
+            let fits = (stretch.tau + cell.tau) * of_seen <= depth && cell.far <= self.end;
+            if fits {
+                stretch.add(cell);
+                return true;
+            }
+            self.light_open();
+        }
+        self.end = cell.near + front.unwrap_or_else(|| self.even_spacing(cell));
+        let mut stretch = Stretch {
+            near: cell.near,
+            far: cell.near,
+            tau: 0.0,
+            moment: 0.0,
+            cells: 0,
+        };
+        stretch.add(cell);
+        self.open = Some(stretch);
+        true
+    }
+
+    /// The same of one so wide that light may change in it: it is cut where others in a row end.
+    fn add_coarse_cell(&mut self, cell: RayInVolume) -> bool {
+        let mut rest = cell;
+        loop {
+            let end = match self.open {
+                Some(_) if self.end > rest.near + self.voxel => self.end,
+                _ => {
+                    self.light_open();
+                    let (first, _) = rest.cut(rest.near + self.voxel);
+                    let front = self.front_spacing(first);
+                    let longest = front.unwrap_or_else(|| self.even_spacing(first));
+                    rest.near + longest.max(self.voxel)
+                }
+            };
+            let (first, behind) = rest.cut(end);
+            if !self.add_cell(first) {
+                return false;
+            }
+            match behind {
+                Some(behind) => rest = behind,
+                None => return true,
+            }
+        }
+    }
+
+    /// Lights the cells that are not lit yet.
+    fn light_open(&mut self) {
+        if let Some(stretch) = self.open.take() {
+            self.add_stretch(stretch);
+        }
+    }
+
+    fn front_spacing(&self, cell: RayInVolume) -> Option<f32> {
+        self.light.front_spacing(0, self.middle(cell))
+    }
+
+    /// Scene units around a cell that need no light between.
+    fn even_spacing(&self, cell: RayInVolume) -> f32 {
+        let least = self.light.least_spacing(0, self.middle(cell));
+        least.max(self.memo.evenly_lit())
+    }
+
+    fn middle(&self, cell: RayInVolume) -> Vec3 {
+        self.ray.at(0.5 * (cell.near + cell.far))
+    }
+
     /// A part of a cell.
     fn add_piece(&mut self, piece: RayInVolume) {
         let ends = [self.ray.at(piece.near), self.ray.at(piece.far)];
@@ -230,7 +274,7 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
         self.add(ends, s.tau);
     }
 
-    fn add(&mut self, ends: [glam::Vec3; 2], tau: f32) {
+    fn add(&mut self, ends: [Vec3; 2], tau: f32) {
         let seen = self.passed.transmittance;
         self.source = self.light.source(0, ends, tau, seen, &mut self.memo);
         self.lit += 1;

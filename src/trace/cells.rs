@@ -27,15 +27,26 @@ impl RayInVolume {
     /// A stretch up to this depth is one piece.
     const THIN: f32 = 0.7;
 
-    /// The stretch in equal parts of at most such a length, front to back.
-    pub fn parts(self, longest: f32) -> impl Iterator<Item = Self> {
-        let count = ((self.far - self.near) / longest).ceil().max(1.0);
-        let at = move |i: f32| self.near + (self.far - self.near) * (i / count);
-        (0..count as u32).map(move |i| Self {
-            near: at(i as f32),
-            far: at((i + 1) as f32),
-            tau: self.tau / count,
-        })
+    /// The parts before and behind a place, scene units from the ray's origin; all of it if that is not
+    /// inside.
+    #[must_use]
+    pub fn cut(self, at: f32) -> (Self, Option<Self>) {
+        let is_inside = at > self.near && at < self.far;
+        if !is_inside {
+            return (self, None);
+        }
+        let tau = self.tau * ((at - self.near) / (self.far - self.near));
+        let first = Self {
+            far: at,
+            tau,
+            ..self
+        };
+        let rest = Self {
+            near: at,
+            tau: self.tau - tau,
+            ..self
+        };
+        (first, Some(rest))
     }
 
     /// The stretch in pieces, front to back: light changes over about one optical depth, so a dense
