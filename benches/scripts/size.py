@@ -70,32 +70,50 @@ def run(lvox, folder, *words):
     return {"cpu_secs": told["cpu_secs"], "peak_bytes": told["peak_memory_bytes"], "counts": counts}
 
 
-def stages(lvox, folder, toml, surfels=None):
-    cloud, tree, image = folder / "a.lvc", folder / "a.lvt", folder / "a.exr"
+def stages(lvox, folder, toml, surfels=None, has_media=False):
+    cloud, tree, light, image = (folder / f"a.{kind}" for kind in ("lvc", "lvt", "lvs", "exr"))
     bake = run(lvox, folder, "bake", toml, "-o", cloud, *([] if surfels is None else ["--surfels", surfels]))
     build = run(lvox, folder, "build", cloud, "-o", tree, "--memory-limit", BUILD_LIMIT)
     cloud_bytes, tree_bytes = cloud.stat().st_size, tree.stat().st_size
     cloud.unlink()
     shade = run(lvox, folder, "shade", toml, "--tree", tree, "-o", image)
     packed = {}
+
+    def lit(scene, name):
+        """With light inside media that is made once, before all frames."""
+        scatter = run(lvox, folder, "scatter", scene, "--tree", tree, "-o", light)
+        return {f"{name}scatter": scatter,
+                f"{name}lit": run(lvox, folder, "shade", scene, "--tree", tree, "--scatter", light, "-o", folder / f"{name}lit.exr")}
+
+    if has_media:
+        packed = lit(toml, "")
     if surfels is None:
         scene, again = folder / "a.lvp", folder / "b.exr"
         pack = run(lvox, folder, "pack", toml, "-o", scene)
-        packed = {"pack": pack, "packed_bytes": scene.stat().st_size,
+        packed |= {"pack": pack, "packed_bytes": scene.stat().st_size,
                   "packed_bake": run(lvox, folder, "bake", scene, "-o", cloud),
                   "packed_shade": run(lvox, folder, "shade", scene, "--tree", tree, "-o", again)}
         if image.read_bytes() != again.read_bytes():
             sys.exit(f"{toml}: the picture of the packed scene is another one")
+        if has_media:
+            packed |= lit(scene, "packed_")
+            if (folder / "lit.exr").read_bytes() != (folder / "packed_lit.exr").read_bytes():
+                sys.exit(f"{toml}: the lit picture of the packed scene is another one")
     return {**packed, "bake": bake, "build": build, "shade": shade, "cloud_bytes": cloud_bytes, "tree_bytes": tree_bytes}
 
 
 def error(lvox, folder, toml):
-    """Of the picture that was just made, beside a path tracer's of direct light and one bounce."""
+    """Of the pictures that were just made, beside a path tracer's of direct light and one bounce."""
     reference = folder / "reference.exr"
     run(lvox, folder, "reference", toml, "-o", reference, "--max-depth", 3, "--spp", SAMPLES)
-    told = subprocess.run([lvox, "compare", folder / "a.exr", reference, "--json"], capture_output=True, text=True, check=True)
-    told = json.loads(told.stdout)
-    return {name: told[name] for name in ("relmse_trimmed", "bias", "reference_noise")}
+
+
+    def beside(image):
+        told = subprocess.run([lvox, "compare", folder / image, reference, "--json"], capture_output=True, text=True, check=True)
+        told = json.loads(told.stdout)
+        return {name: told[name] for name in ("relmse_trimmed", "bias", "reference_noise")}
+
+    return {"error": beside("a.exr"), "lit_error": beside("lit.exr")}
 
 
 def peer(command, kind, asset, folder):
@@ -124,9 +142,9 @@ def measure(lvox, assets, folder, command, earlier, most, only):
             return
         with tempfile.TemporaryDirectory(dir=folder) as work:
             work = Path(work)
-            row = {"kind": kind, "size": size, "commit": commit, **stages(lvox, work, toml, surfels)}
+            row = {"kind": kind, "size": size, "commit": commit, **stages(lvox, work, toml, surfels, kind in ("cloud", "close"))}
             if kind in ("cloud", "close"):
-                row["error"] = error(lvox, work, toml)
+                row |= error(lvox, work, toml)
             if command and asset:
                 row["peer"] = peer(command, kind, asset, work)
             elif (kind, size) in peers:
@@ -275,6 +293,14 @@ noise is the last column. Peak memory counts mapped files.
                 [[short(r["size"]), figure(r["pack"]["cpu_secs"]), figure(r["packed_bytes"] / 1e6),
                   *(figure(r[s]["cpu_secs"]) for s in ("packed_bake", "packed_shade")),
                   *(figure(r[s]["peak_bytes"] / 1e6) for s in ("packed_bake", "packed_shade"))] for r in of_packed]))
+        of_lit = [r for r in of_kind if "lit" in r]
+        if of_lit:
+            stages_of_lit = ("scatter", "lit", "packed_scatter", "packed_lit")
+            text.append("With light inside media made once, for all frames:\n\n" + table(
+                [size, "scatter s", "shade s", "packed: scatter s", "shade s", "scatter MB", "shade MB", "packed: scatter MB", "shade MB", "error", "bias"],
+                [[short(r["size"]),
+                  *(figure(r[s]["cpu_secs"]) for s in stages_of_lit), *(figure(r[s]["peak_bytes"] / 1e6) for s in stages_of_lit),
+                  f"{r['lit_error']['relmse_trimmed']:.1e}", f"{100 * r['lit_error']['bias']:+.2f} %"] for r in of_lit]))
         (plots / f"{kind}-time.svg").write_text(plot(of_kind, size, "CPU seconds", cpu_secs))
         (plots / f"{kind}-memory.svg").write_text(plot(of_kind, size, "peak MB", peak_mb))
         text.append(f"![CPU seconds over {size}](size/{kind}-time.svg) ![peak memory over {size}](size/{kind}-memory.svg)\n")
