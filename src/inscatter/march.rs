@@ -60,10 +60,6 @@ const MAX_STRETCH_DEPTH: f32 = 0.7;
 const FRONT_STRETCH_DEPTH: f32 = 0.5;
 const MAX_FRONT_STRETCH_DEPTH: f32 = 2.0;
 
-/// Optical depth, as much as is seen of it, of cells that are lit with the next: thin borders of media
-/// would take as long as what is behind them.
-const THIN_DEPTH: f32 = 1e-3;
-
 /// Optical depth of a cell that is lit in pieces, and of a row of cells that is lit as one at most,
 /// where this share of the light is seen.
 #[inline]
@@ -174,14 +170,6 @@ impl Stretch {
         self.cells += 1;
         self.moment += cell.tau * (0.5 * (cell.near + cell.far));
     }
-
-    /// Makes it deeper in the same place.
-    fn deepen(&mut self, tau: f32) {
-        if self.tau > 0.0 {
-            self.moment *= 1.0 + tau / self.tau;
-        }
-        self.tau += tau;
-    }
 }
 
 impl<G: GatherInMedia> CameraRay<'_, '_, G> {
@@ -202,17 +190,13 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
             cell.pieces().for_each(|piece| self.add_piece(piece));
             return true;
         }
-        let mut thin = None;
         if let Some(stretch) = self.open.as_mut() {
             let fits = (stretch.tau + cell.tau) * of_seen <= depth && cell.far <= self.end;
             if fits {
                 stretch.add(cell);
                 return true;
             }
-            match stretch.tau * of_seen <= THIN_DEPTH {
-                true => thin = self.open.take(),
-                false => self.light_open(),
-            }
+            self.light_open();
         }
         self.end = cell.near + front.unwrap_or_else(|| self.even_spacing(cell));
         let mut stretch = Stretch {
@@ -223,9 +207,6 @@ impl<G: GatherInMedia> CameraRay<'_, '_, G> {
             cells: 0,
         };
         stretch.add(cell);
-        if let Some(thin) = thin {
-            stretch.deepen(thin.tau);
-        }
         self.open = Some(stretch);
         true
     }
