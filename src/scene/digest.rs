@@ -11,6 +11,8 @@ use rayon::prelude::*;
 
 /// Leads the names of parts in a list of settings.
 const PREFIX: &str = "scene/";
+/// The part that is there only if volumes emit.
+const EMISSION: &str = "scene/emission";
 /// The part that is there only if a camera chose the surfels.
 const CAMERA: &str = "camera";
 
@@ -30,9 +32,12 @@ impl Scene {
     /// Those of surfaces, materials and volumes, by rising name: as a packed scene keeps them.
     pub(super) fn parts_of_assets(&self) -> Vec<(String, String)> {
         let kept = self.as_packed().map(|packed| packed.file().meta());
-        let is_there =
-            |meta: &&PackedMeta| meta.world_from_scene == self.world_from_scene.to_array();
-        match kept.filter(is_there).map(|meta| &meta.parts.digests) {
+        let emits = |kept: &[(String, String)]| kept.iter().any(|(name, _)| name == EMISSION);
+        let is_of_scene = |meta: &&PackedMeta| {
+            meta.world_from_scene == self.world_from_scene.to_array()
+                && emits(&meta.parts.digests) != self.emissive.is_empty()
+        };
+        match kept.filter(is_of_scene).map(|meta| &meta.parts.digests) {
             Some(kept) if !kept.is_empty() => kept.clone(),
             _ => self.made_parts_of_assets(),
         }
@@ -46,7 +51,7 @@ impl Scene {
             named("volumes", volumes(&self.volumes)),
         ];
         if !self.emissive.is_empty() {
-            parts.insert(0, named("emission", emissive(&self.emissive)));
+            parts.insert(0, (EMISSION.into(), emissive(&self.emissive).hex()));
         }
         parts
     }

@@ -178,6 +178,7 @@ fn digests_are_checked() {
     for wrong in [
         vec![digest("volumes", "0")],
         vec![digest("scene/volumes", "g")],
+        vec![digest("scene/lights", "0")],
         vec![digest("scene/volumes", "00")],
         vec![digest("scene/volumes", "0"), digest("scene/surfaces", "1")],
         vec![digest("scene/volumes", "0"), digest("scene/volumes", "0")],
