@@ -47,6 +47,8 @@ def to_toml(scene: Mapping[str, Any], folder: Path) -> str:
                 tables.append(f"\n[[{key}]]\n" + _lines(table))
         elif isinstance(value, Mapping):
             tables.append(f"\n[{key}]\n" + _lines(value))
+        elif key == "packed":
+            plain.append(f"packed = {_value(key, str(Path(value).absolute()))}\n")
         else:
             plain.append(f"{_key(key)} = {_value(key, value)}\n")
     return "".join(plain + tables)

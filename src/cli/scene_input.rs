@@ -199,10 +199,16 @@ impl SceneInput {
     /// The file of the tree that a verb takes in a frame: the one that is named, or the packed scene.
     ///
     /// # Errors
-    /// If there is neither.
+    /// If there is neither, or a scene file that cannot be read.
     pub fn tree(&self, named: Option<&PathBuf>, frame: Option<i32>) -> Result<PathBuf> {
-        let packed = || packed_file(self.scene.as_ref()?, &self.reading.settings(frame));
-        named.cloned().or_else(packed).ok_or_else(|| {
+        if let Some(path) = named {
+            return Ok(path.clone());
+        }
+        let packed = self.scene.as_ref().map(|path| {
+            let settings = self.reading.settings(frame);
+            packed_file(path, &settings)
+        });
+        packed.transpose()?.flatten().ok_or_else(|| {
             Error::input("no tree was given")
                 .hint("name one with --tree, or a packed scene that holds one")
         })

@@ -305,6 +305,22 @@ mod tests {
         Volume::new("test".into(), grid, [0.5; 3], scene_from_index)
     }
 
+    #[test]
+    fn a_cut_keeps_all_of_a_part() {
+        let part = RayInVolume {
+            near: 2.0,
+            far: 6.0,
+            tau: 0.5,
+        };
+        let (first, rest) = part.cut(3.0);
+        let rest = rest.unwrap();
+        assert_eq!((first.near, first.far, first.tau), (2.0, 3.0, 0.125));
+        assert_eq!((rest.near, rest.far, rest.tau), (3.0, 6.0, 0.375));
+        for outside in [1.0, 2.0, 6.0, 7.0, f32::NAN] {
+            assert_eq!(part.cut(outside), (part, None));
+        }
+    }
+
     fn tau(v: &Volume, o: Vec3, d: Vec3, t_max: f32) -> f64 {
         let mut sum = 0.0;
         let mut last = 0.0;

@@ -44,28 +44,29 @@ pub fn media_of_all_cameras(volumes: &[Volume]) -> Result<Option<Vec<Volume>>> {
 pub fn bytes_of_media(volumes: &[Volume], picture: Option<(&Camera, Film)>) -> u64 {
     let is_alone = volumes.len() == 1;
     let of = |volume: &Volume| {
-        let whole = volume.sigma_t.bytes();
-        if volume.sigma_t.is_read() {
+        let grid = &volume.sigma_t;
+        let level = picture.map_or(0, |(camera, film)| level(volume, camera, film));
+        let in_file = |level: usize| grid.bytes_in_file(level);
+        if grid.is_read() || in_file(level).is_none() {
             // A second grid of coarser bricks may be as large.
             return match volume.has_many_voxels() {
-                true => 2 * whole,
-                false => whole + whole / 2,
+                true => 2 * grid.bytes(),
+                false => grid.bytes() + grid.bytes() / 2,
             };
         }
-        let level = picture.map_or(0, |(camera, film)| level(volume, camera, film));
         let adapted = || {
             let volume = volume.at_level(level);
             let allowed = allowed(&volume, picture, is_alone)?;
             volume.sigma_t.adapted_bytes(allowed)
         };
-        let bricks = match volume.albedo_grid {
-            Some(_) => None,
-            None => adapted(),
+        let (finest, bricks) = match volume.albedo_grid {
+            // Coarser albedos are weighed by all extinction.
+            Some(_) => (0, None),
+            None => (level, adapted()),
         };
-        let bytes = |level: usize| volume.level(level).bytes();
-        let dims = |level: usize| volume.level(level).dims();
-        let coarser = (level + 1..).take_while(|&l| dims(l) != dims(l - 1));
-        bricks.unwrap_or_else(|| bytes(level)) + coarser.map(bytes).sum::<usize>()
+        let own = bricks.or(in_file(finest)).unwrap_or(0);
+        let coarser = (finest + 1..).map_while(in_file);
+        own + coarser.sum::<usize>()
     };
     volumes.iter().map(|v| of(v) as u64).sum()
 }

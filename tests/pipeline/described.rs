@@ -127,8 +127,104 @@ fn groups_are_of_its_lights_and_of_what_emits() {
     assert!(key.materials.iter().all(|m| !m.emits()));
     let default = lit_by("default").unwrap();
     assert_eq!((default.lights.len(), default.emissive.len()), (0, 1));
+    // What is packed of one group has digests of its own.
+    for group in ["key", "default"] {
+        let args = [
+            "pack", "lit.toml", "-o", "one.lvp", "--force", "--group", group,
+        ];
+        assert_eq!(lvox(there, &args).code, 0);
+        let run = lvox(there, &["verify", "one.lvp"]);
+        assert_eq!(run.code, 0, "{group}: {}", run.stderr);
+    }
     let error = lit_by("rim").unwrap_err().to_string();
     assert!(error.contains("found key, default"), "{error}");
+}
+
+#[test]
+fn an_empty_list_of_lights_leaves_none_of_them() {
+    let (_, there) = packed();
+    let there = there.path();
+    write(there, "dark.toml", &["light = []\n"]);
+    let dark = Scene::load(&there.join("dark.toml")).unwrap();
+    assert!(dark.lights.is_empty() && dark.warnings.is_empty());
+    assert_eq!(dark.emissive.len(), 1);
+}
+
+/// What was made up for a packed scene is not told of a file that has it.
+#[test]
+fn lights_and_cameras_that_were_made_up_are_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let quad = "[[mesh]]\nfile = \"builtin:quad\"\n";
+    fs::write(here.join("bare.toml"), quad).unwrap();
+    lvox(here, &["pack", "bare.toml", "-o", "scene.lvp"]).done();
+    let warnings = |name: &str| Scene::load(&here.join(name)).unwrap().warnings.len();
+    assert_eq!(warnings("scene.lvp"), 2);
+    for (name, parts, left) in [
+        ("lit.toml", &[LIGHT][..], 1),
+        ("seen.toml", &[CAMERA], 1),
+        ("both.toml", &[LIGHT, CAMERA], 0),
+        ("dark.toml", &["light = []\n", CAMERA], 1),
+    ] {
+        write(here, name, parts);
+        assert_eq!(warnings(name), left, "{name}");
+    }
+}
+
+/// Far from the origin a scene has a space of its own, to which cameras and lights go.
+#[test]
+fn places_are_in_the_world() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let text = "[[mesh]]\nfile = \"builtin:quad\"\ntranslate = [5000, 0, 0]\n";
+    fs::write(here.join("far.toml"), text).unwrap();
+    lvox(here, &["pack", "far.toml", "-o", "scene.lvp"]).done();
+    let parts = [
+        "[[camera]]\nposition = [5001, 2, 0]\ntarget = [5000, 0, 0]\n",
+        "[[light]]\ntype = \"point\"\nposition = [5000, 3, 0]\nintensity = 1\n",
+    ];
+    fs::create_dir(here.join("shots")).unwrap();
+    let described = format!("packed = \"../scene.lvp\"\n{}", parts.concat());
+    fs::write(here.join("shots/a.toml"), described).unwrap();
+    fs::write(here.join("whole.toml"), format!("{}{text}", parts.concat())).unwrap();
+    let [described, whole] =
+        ["shots/a.toml", "whole.toml"].map(|name| Scene::load(&here.join(name)).unwrap());
+    assert!(described.world_from_scene.x != 0.0);
+    assert_eq!(described.world_from_scene, whole.world_from_scene);
+    let seen = |s: &Scene| format!("{:?} {:?}", s.cameras, s.lights);
+    assert_eq!(seen(&described), seen(&whole));
+    assert_eq!(described.files.len(), 2);
+}
+
+/// Names of packed scenes, too, have the number of the frame, and changes reach them.
+#[test]
+fn each_frame_may_have_a_packed_scene_of_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    for (frame, shape) in [(1, "quad"), (2, "cube")] {
+        let text = format!("[[mesh]]\nfile = \"builtin:{shape}\"\n");
+        fs::write(here.join("shape.toml"), text).unwrap();
+        let output = format!("shape.000{frame}.lvp");
+        lvox(here, &["pack", "shape.toml", "-o", &output]).done();
+    }
+    let text = format!("packed = \"shape.####.lvp\"\n{CAMERA}{LIGHT}");
+    fs::write(here.join("shot.toml"), text).unwrap();
+    let load = |frame: i32| {
+        let settings = Settings {
+            frame: Some(frame),
+            ..Settings::default()
+        };
+        Scene::load_with(&here.join("shot.toml"), &settings, &Job::default()).unwrap()
+    };
+    assert_eq!(load(1).mesh.triangle_count(), 2);
+    assert_eq!(load(2).mesh.triangle_count(), 12);
+    assert_eq!(load(2).files_of_frame, Some(2));
+    let settings = Settings {
+        changes: vec!["packed=shape.0002.lvp".parse().unwrap()],
+        ..Settings::default()
+    };
+    let changed = Scene::load_with(&here.join("shot.toml"), &settings, &Job::default()).unwrap();
+    assert_eq!(changed.mesh.triangle_count(), 12);
 }
 
 #[test]
@@ -153,9 +249,14 @@ fn what_cannot_be_added_is_told() {
         ("scene.####.lvp", "stands for the number of a frame"),
     ] {
         fs::write(there.join("a.toml"), format!("packed = \"{name}\"\n")).unwrap();
-        let run = lvox(there, &["bake", "a.toml", "-o", "a.lvc"]);
-        assert_eq!(run.code, 2, "{}", run.stderr);
-        assert!(run.stderr.contains(says), "{}", run.stderr);
+        let told = |args: &[&str]| {
+            let run = lvox(there, args);
+            assert_eq!(run.code, 2, "{}", run.stderr);
+            assert!(run.stderr.contains(says), "{}", run.stderr);
+            run
+        };
+        told(&["shade", "a.toml", "-o", "a.exr"]);
+        let run = told(&["bake", "a.toml", "-o", "a.lvc"]);
         assert_eq!(
             run.stderr
                 .lines()

@@ -189,6 +189,7 @@ class Scenes(unittest.TestCase):
             },
             Path("elsewhere"),
         )
+        self.assertIn(f'packed = "{here / "a.lvp"}"\n', to_toml({"packed": "a.lvp"}, Path("elsewhere")))
         for name in ("mask.png", "tex.png", "a.ply", "smoke.raw", "fire.raw"):
             self.assertIn(f'"{here / name}"', text)
         self.assertIn("opacity = 0.5\n", text)

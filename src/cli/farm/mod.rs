@@ -266,7 +266,8 @@ impl JobOptions {
     ) -> Result<bool> {
         let may = |scene: &Scene| {
             // Smoke may rise in a later frame.
-            let may_have_more = scene.files_of_frame.is_some() && scene.has_empty_volumes;
+            let may_be_empty = scene.has_empty_volumes || scene.packed_path().is_some();
+            let may_have_more = scene.files_of_frame.is_some() && may_be_empty;
             may_have_more || scene.volumes.iter().any(|v| v.phase.is_isotropic())
         };
         if may(first) || !self.scene.has_tokens() {

@@ -52,7 +52,9 @@ const MAX_COORDINATE: f64 = 1e15;
 /// Emission, intensity and irradiance beyond this are taken for a mistake.
 pub(super) const MAX_EMISSION: f32 = 1e30;
 
-/// Tells of a light that is made up.
+/// Tells of a camera that is made up.
+const NO_CAMERA: &str = "the scene has no camera: framing everything from the front";
+/// Tells of a light that is.
 const NO_LIGHT: &str = "the scene has no light: adding an environment of radiance 1";
 
 /// Film of a scene that does not state one.
@@ -279,7 +281,7 @@ impl SceneBuilder {
         }
         if self.cameras.is_empty() {
             self.cameras.push(CameraInput::framing(&bounds, &film));
-            warnings.push("the scene has no camera: framing everything from the front".into());
+            warnings.push(NO_CAMERA.into());
         }
         self.unmask_emitters(&mut warnings);
         for mesh in std::mem::take(&mut self.dark_meshes) {

@@ -1,6 +1,6 @@
 //! A packed scene as it is handed to a builder, for other cameras, another film or other lights.
 
-use super::{LightInput, NO_LIGHT, SceneBuilder};
+use super::{LightInput, NO_CAMERA, NO_LIGHT, SceneBuilder};
 use crate::Result;
 use crate::scene::Scene;
 
@@ -40,6 +40,7 @@ impl SceneBuilder {
         }
         let world_from_scene = scene.world_from_scene;
         if !input.keeps_lights {
+            scene.warnings.retain(|w| w != NO_LIGHT);
             scene.environment_image = self.take_sky(&mut scene.notes)?;
             scene.is_environment_seen = !self.is_environment_unseen;
             let is_dark = self.lights.is_empty() && scene.environment_image.is_none() && !emits;
@@ -51,6 +52,7 @@ impl SceneBuilder {
             scene.lights = lights.map(|l| l.in_scene(world_from_scene)).collect();
         }
         if !self.cameras.is_empty() {
+            scene.warnings.retain(|w| w != NO_CAMERA);
             let cameras = self.cameras.into_iter();
             scene.cameras = cameras.map(|c| c.in_scene(world_from_scene)).collect();
             match self.frame.or(scene.files_of_frame) {

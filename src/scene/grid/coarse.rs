@@ -70,9 +70,9 @@ fn write_filtered<const LEVEL: usize>(around: &Around, most: f32, out: &mut [f32
         let (y, z) = (row % edge, row / edge);
         let values = filtered_rows(taps, [0, 1, 2, 3].map(|i| faces[z + i][y]));
         // Forged files may hold what overflows: no number is 0.
-        let values = values.fast_max(f32x8::ZERO).fast_min(most);
+        let values = values.max(f32x8::ZERO).min(most);
         out.copy_from_slice(&values.as_array()[..edge]);
-        largest = largest.fast_max(values);
+        largest = largest.max(values);
     }
     largest.as_array()[..edge]
         .iter()

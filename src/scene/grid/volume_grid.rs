@@ -51,6 +51,13 @@ pub struct Known {
     pub bricks: usize,
 }
 
+impl Known {
+    fn bytes(&self) -> usize {
+        let slots: usize = brick_dims(self.dims).iter().product();
+        (slots + self.bricks * (BRICK_SAMPLES + 1)) * size_of::<f32>()
+    }
+}
+
 /// The grid of a volume. One that is stored in a file is read when its samples are first asked for;
 /// [`VolumeGrid::ready`] asks for them, and tells what is wrong with the file. Without that a grid
 /// that cannot be read is empty. Clones are the same grid.
@@ -234,11 +241,16 @@ impl VolumeGrid {
     pub fn bytes(&self) -> usize {
         match self.0.read.get() {
             Some((grid, _)) => grid.bytes(),
-            None => {
-                let slots: usize = self.brick_dims().iter().product();
-                (slots + self.0.known.bricks * (BRICK_SAMPLES + 1)) * size_of::<f32>()
-            }
+            None => self.0.known.bytes(),
         }
+    }
+
+    /// Bytes of memory that a coarser level takes, nearly, of a grid in a file that has it; none is
+    /// read.
+    #[must_use]
+    pub fn bytes_in_file(&self, coarser: usize) -> Option<usize> {
+        let (levels, level) = self.0.stored.as_ref()?;
+        levels.known(level + coarser).map(|known| known.bytes())
     }
 
     /// Lowers what is above `most` to that; where others have the same grid, in one of its own.

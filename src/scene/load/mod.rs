@@ -4,8 +4,9 @@
 
 // In come paths; out comes a `SceneBuilder` that is filled, and what the user should know.
 //
-// - `description`: the scene file, its `light`s, its `volume`s and a packed scene in their place; with `table` (typed access to
-//   TOML), `nearest` (words that may have been meant) and `transform` (placement)
+// - `description`: the scene file, its `light`s, its `volume`s, a packed scene in place of these; with
+//   `table` (typed access to TOML), `nearest` (words that may have been meant) and `transform`
+//   (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `mitsuba`: scenes of Mitsuba in XML
 // - `vdb`, `nrrd`, `nifti`, `metaimage`, `raw`, `vol`, `builtin`: volumes, each as a `field::Field`,
@@ -179,14 +180,30 @@ pub fn is_packed(path: &Path) -> bool {
 }
 
 /// The packed scene that a file is, or that a scene file takes its surfaces and volumes from; `None`
-/// for others, and for what cannot be read.
-#[must_use]
-pub fn packed_file(path: &Path, settings: &Settings) -> Option<PathBuf> {
+/// for others.
+///
+/// # Errors
+/// A scene file that cannot be read as far as it names one.
+pub fn packed_file(path: &Path, settings: &Settings) -> Result<Option<PathBuf>> {
     match files::extension(path).as_str() {
-        "lvp" => Some(path.to_owned()),
-        "toml" => description::packed_file(path, settings),
-        _ => None,
+        "lvp" => Ok(Some(path.to_owned())),
+        "toml" => {
+            let mut files = Files::with(settings.clone(), &Cancel::default());
+            let text = read_text(path, &mut files)?;
+            description::packed_file(&text, path, &mut files)
+        }
+        _ => Ok(None),
     }
+}
+
+/// Reads the text of a scene file.
+fn read_text(path: &Path, files: &mut Files) -> Result<String> {
+    table::check_bytes(path)?;
+    let text = files.read("scene", path)?;
+    let text = files::text_start(&text).map_err(|e| e.at(path.display()))?;
+    let text = std::str::from_utf8(text)
+        .map_err(|e| Error::input(format!("{}: not UTF-8 text: {e}", path.display())))?;
+    Ok(text.into())
 }
 
 /// Refuses changes of what is no text.
@@ -233,12 +250,8 @@ fn read_scene(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     files.add_changes()?;
     match files::extension(path).as_str() {
         "toml" => {
-            table::check_bytes(path)?;
-            let text = files.read("scene", path)?;
-            let text = files::text_start(&text).map_err(|e| e.at(path.display()))?;
-            let text = std::str::from_utf8(text)
-                .map_err(|e| Error::input(format!("{}: not UTF-8 text: {e}", path.display())))?;
-            description::read(text, path, files)
+            let text = read_text(path, files)?;
+            description::read(&text, path, files)
         }
         "gltf" | "glb" => {
             refuse_changes(path, &files.settings)?;

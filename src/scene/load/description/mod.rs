@@ -26,6 +26,9 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+const ROOT: [&str; 7] = [
+    "name", "packed", "film", "camera", "mesh", "light", "volume",
+];
 const FILM: [&str; 3] = ["width", "height", "exposure"];
 const MESH: [&str; 20] = [
     "file",
@@ -55,12 +58,7 @@ pub(super) fn read(text: &str, path: &Path, files: &mut Files) -> Result<SceneBu
     let (all, changed) = changes::append(text, &changes);
     let document = Document::changed(path, &all, text.len(), &changes, changed);
     let parsed = document.parse()?;
-    let root = document.root(
-        &parsed,
-        &[
-            "name", "packed", "film", "camera", "mesh", "light", "volume",
-        ],
-    )?;
+    let root = document.root(&parsed, &ROOT)?;
     let stem = path.file_stem().unwrap_or_default();
     let mut builder = SceneBuilder {
         name: match root.get("name") {
@@ -519,10 +517,7 @@ mod tests {
     /// The example in the documentation.
     fn example() -> String {
         let source = include_str!("../../../../docs/scene.md");
-        let lines = source
-            .lines()
-            .skip_while(|l| !l.contains("```toml"))
-            .skip(1);
+        let lines = source.lines().skip_while(|l| !l.starts_with("name = "));
         lines
             .take_while(|l| !l.contains("```"))
             .map(|l| l.to_string() + "\n")
@@ -534,8 +529,7 @@ mod tests {
         let text = example();
         let document = Document::new(Path::new("example"), &text);
         let parsed = document.parse().unwrap();
-        let known = ["name", "film", "camera", "mesh", "light", "volume"];
-        let root = document.root(&parsed, &known).unwrap();
+        let root = document.root(&parsed, &ROOT).unwrap();
         root.require("film")
             .unwrap()
             .table("[film]", &FILM)

@@ -1,12 +1,12 @@
 //! A scene file whose surfaces and volumes are those of a packed scene.
 
+use super::ROOT;
 use crate::Result;
-use crate::run::frames;
 use crate::scene::builder::PackedInput;
 use crate::scene::load::changes;
-use crate::scene::load::files::{Files, beside, text_start};
+use crate::scene::load::files::{Files, beside};
 use crate::scene::load::groups::Groups;
-use crate::scene::load::table::{Document, Item, Table, check_bytes};
+use crate::scene::load::table::{Document, Item, Table};
 use crate::scene::load::{Settings, is_packed};
 use crate::scene::packed;
 use std::path::{Path, PathBuf};
@@ -32,11 +32,7 @@ pub fn read(
                 .hint("add it to the scene file that is packed"));
         }
     }
-    let name = files.at_frame(item.text()?).map_err(|e| item.locate(e))?;
-    let path = beside(scene, &name);
-    if !is_packed(&path) {
-        return Err(item.error("expected a packed scene (.lvp)"));
-    }
+    let path = path(item, scene, files)?;
     let Settings {
         frame,
         texture_limit,
@@ -55,20 +51,23 @@ pub fn read(
     Ok(input)
 }
 
-/// The packed scene that a scene file names; `None` if it names none, or cannot be read.
-pub fn packed_file(scene: &Path, settings: &Settings) -> Option<PathBuf> {
-    check_bytes(scene).ok()?;
-    let content = std::fs::metadata(scene)
-        .is_ok_and(|m| m.is_file())
-        .then(|| std::fs::read(scene));
-    let content = content?.ok()?;
-    let text = std::str::from_utf8(text_start(&content).ok()?).ok()?;
-    let (all, changed) = changes::append(text, &settings.changes);
-    let document = Document::changed(scene, &all, text.len(), &settings.changes, changed);
-    let parsed = document.parse().ok()?;
-    let name = parsed.get_ref().get(PACKED)?.get_ref().as_str()?;
-    Some(match settings.frame {
-        Some(frame) => beside(scene, &frames::at_frame(name, frame)),
-        None => beside(scene, name),
-    })
+/// The packed scene that a scene file with this text names, if it names one.
+pub fn packed_file(text: &str, scene: &Path, files: &mut Files) -> Result<Option<PathBuf>> {
+    let changes = files.settings.changes.clone();
+    let (all, changed) = changes::append(text, &changes);
+    let document = Document::changed(scene, &all, text.len(), &changes, changed);
+    let parsed = document.parse()?;
+    let root = document.root(&parsed, &ROOT)?;
+    let path = root.get(PACKED).map(|item| path(&item, scene, files));
+    path.transpose()
+}
+
+/// Where a packed scene is.
+fn path(item: &Item<'_>, scene: &Path, files: &mut Files) -> Result<PathBuf> {
+    let name = files.at_frame(item.text()?).map_err(|e| item.locate(e))?;
+    let path = beside(scene, &name);
+    match is_packed(&path) {
+        true => Ok(path),
+        false => Err(item.error("expected a packed scene (.lvp)")),
+    }
 }
