@@ -13,8 +13,16 @@ use rayon::prelude::*;
 const PREFIX: &str = "scene/";
 /// The part that is there only if volumes emit.
 const EMISSION: &str = "scene/emission";
-/// The part that is there only if a camera chose the surfels.
-const CAMERA: &str = "camera";
+/// All parts, in the order in which they are listed. The last is there only if a camera chose the
+/// surfels.
+const PARTS: [&str; 6] = [
+    "scene/surfaces",
+    "scene/materials",
+    "scene/lights",
+    "scene/volumes",
+    EMISSION,
+    "scene/camera",
+];
 
 impl Scene {
     /// Names and digests of what a bake reads: surfaces, materials, lights and volumes. Cameras,
@@ -24,8 +32,9 @@ impl Scene {
     pub fn parts(&self, surfels_from: Option<&Camera>) -> Vec<(String, String)> {
         let mut parts = self.parts_of_assets();
         parts.push(named("lights", lights(self)));
-        parts.extend(surfels_from.map(|c| named(CAMERA, camera(c, self))));
-        parts.sort();
+        parts.extend(surfels_from.map(|c| named("camera", camera(c, self))));
+        let place = |(name, _): &(String, String)| PARTS.iter().position(|part| name == part);
+        parts.sort_by_key(place);
         parts
     }
 
