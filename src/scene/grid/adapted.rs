@@ -7,11 +7,11 @@
 //! levels, as small as their errors.
 
 use super::brick::{MAX_BRICK_LEVEL, samples_at};
-use super::{Brick, Grid, Known, StoredBricks, VolumeGrid, brick_dims, flatten};
+use super::stored_errors::StoredErrors;
+use super::{Brick, Grid, Known, StoredBricks, VolumeGrid, brick_dims};
 use crate::Result;
 use crate::formats::BrickEntry;
 use crate::math::unflatten;
-use crate::run::memory;
 use rayon::prelude::*;
 
 /// The largest error of a sample of a brick whose cells are 2, 4 and 8 voxels wide.
@@ -87,76 +87,6 @@ where
         let places = (0..self.bricks.iter().product()).into_par_iter();
         let level = |i: usize| self.level(unflatten(i, self.bricks)) as u8;
         places.map(level).collect()
-    }
-}
-
-/// The errors of bricks that are stored, by their places.
-struct StoredErrors<'a> {
-    stored: &'a StoredBricks<'a>,
-    bricks: [usize; 3],
-    /// Numbers of entries, of all bricks; beyond the last of those that have none.
-    entry_of: Vec<u32>,
-}
-
-impl<'a> StoredErrors<'a> {
-    fn new(stored: &'a StoredBricks<'a>, dims: [usize; 3]) -> Result<Self> {
-        let bricks = brick_dims(dims);
-        let count = bricks.iter().product();
-        let mut entry_of = memory::filled("the grid of a volume", u32::MAX, count)?;
-        for (i, entry) in (0..).zip(stored.entries) {
-            entry_of[flatten(entry.place.map(|c| c as usize), bricks)] = i;
-        }
-        Ok(Self {
-            stored,
-            bricks,
-            entry_of,
-        })
-    }
-
-    /// The error of a brick on a coarser level.
-    fn of(&self, place: [usize; 3], level: usize) -> Option<f32> {
-        let entry = self.entry_of[flatten(place, self.bricks)];
-        Some(self.stored.errors.get(entry as usize)?[level - 1])
-    }
-
-    /// The largest of a brick's own samples, and its error on level 1.
-    fn first(&self, place: [usize; 3]) -> Option<[f32; 2]> {
-        let entry = self.entry_of[flatten(place, self.bricks)];
-        let max = self.stored.entries.get(entry as usize)?.max;
-        Some([max, self.of(place, 1)?])
-    }
-
-    /// What no sample of a level is above, which is not read.
-    fn most(&self, level: usize) -> MostOfLevel {
-        let bricks = self.bricks.map(|n| (n >> level) + 1);
-        let mut most = vec![0.0_f32; bricks.iter().product()];
-        for entry in self.stored.entries {
-            let brick = flatten(entry.place.map(|c| c as usize >> level), bricks);
-            most[brick] = most[brick].max(entry.max);
-        }
-        MostOfLevel {
-            level,
-            bricks,
-            most,
-        }
-    }
-}
-
-/// The largest of the samples that each brick of a level is made of.
-struct MostOfLevel {
-    level: usize,
-    bricks: [usize; 3],
-    most: Vec<f32>,
-}
-
-impl MostOfLevel {
-    /// The largest around a brick on voxels, nearly as [`Grid::most_around`] has it.
-    fn around(&self, place: [usize; 3]) -> f32 {
-        let bricks =
-            (0..8).map(|i| std::array::from_fn(|a| (place[a] + (i >> a & 1)) >> self.level));
-        bricks.fold(0.0, |most, brick| {
-            most.max(self.most[flatten(brick, self.bricks)])
-        })
     }
 }
 

@@ -1,7 +1,6 @@
 //! Bricks on the levels of a pyramid: their samples, and the error of these.
 
 use super::brick::{Brick, edge_at, samples_at};
-use super::pyramid::halve;
 use super::{BRICK_CELLS, BRICK_EDGE, Grid, VoxelBox};
 use wide::f32x8;
 
@@ -204,17 +203,10 @@ impl Grid {
         let first = b.map(|b| (b * BRICK_CELLS / 2) as isize - 2);
         let sample = |a: usize, i: usize| (first[a] + i as isize).clamp(0, last[a]) as usize;
         let from: [usize; 3] = std::array::from_fn(|a| sample(a, 0));
-        let voxels = VoxelBox {
-            first: from.map(|c| 2 * c),
-            dims: std::array::from_fn(|a| {
-                (2 * sample(a, WIDEST - 1) + 2).min(self.dims[a]) - 2 * from[a]
-            }),
-        };
-        let mut samples = vec![0.0; voxels.count()];
-        self.read(&voxels, &mut samples);
-        let dims = voxels.dims.map(|n| n.div_ceil(2));
-        let mut means = vec![0.0; dims.iter().product()];
-        halve(&samples, voxels.dims, &mut means);
+        let dims: [usize; 3] = std::array::from_fn(|a| sample(a, WIDEST - 1) + 1 - from[a]);
+        let voxels = VoxelBox { first: from, dims };
+        let mut means = vec![0.0; voxels.count()];
+        self.write_halved(&voxels, &mut means);
         let mean = |at: [usize; 3]| {
             let [x, y, z]: [usize; 3] = std::array::from_fn(|a| sample(a, at[a]) - from[a]);
             means[(z * dims[1] + y) * dims[0] + x]

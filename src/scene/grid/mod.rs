@@ -15,6 +15,7 @@
 //! - `layout`: which bricks are stored, and how they are filled
 //! - `packed`: bricks as files have them
 //! - `pyramid`: the same field on larger voxels
+//! - `stored_errors`: what a file says of bricks, of which none is read
 //! - `volume_grid`: the grid of a volume, which may be in a file until it is looked into
 
 mod adapted;
@@ -23,6 +24,7 @@ mod coarse;
 mod layout;
 mod packed;
 mod pyramid;
+mod stored_errors;
 mod volume_grid;
 
 pub use adapted::{Allowed, Errors};

@@ -58,7 +58,7 @@ impl Grid {
         };
         let Ok(layout) = Layout::of(dims, may_hold);
         let Ok((mut grid, _)) = layout.fill(|region, means| {
-            self.halve_bricks(&region.voxels, means);
+            self.write_halved(&region.voxels, means);
             Ok::<_, Infallible>(())
         });
         grid.size = self.size.map(|n| 0.5 * n);
@@ -67,7 +67,7 @@ impl Grid {
 
     /// Writes a box of voxels of the next level, x fastest. The samples of each lie in one brick, as
     /// this has those of its first corners, too, which are shared.
-    fn halve_bricks(&self, voxels: &VoxelBox, means: &mut [f32]) {
+    pub(super) fn write_halved(&self, voxels: &VoxelBox, means: &mut [f32]) {
         const CELLS: usize = BRICK_CELLS / 2;
         means.fill(0.0);
         let [nx, ny, _] = voxels.dims;
@@ -182,48 +182,6 @@ fn mean_row([a, b, c, d]: [&[f32]; 4]) -> [f32; BRICK_CELLS / 2] {
         let sum = (pair(a, i) + pair(b, i)) + (pair(c, i) + pair(d, i));
         sum * 0.125
     })
-}
-
-/// Means over cubes of two an edge of samples, of which there are so many along each axis, x
-/// fastest; those at the far ends may hold fewer.
-pub(super) fn halve(samples: &[f32], [nx, ny, nz]: [usize; 3], means: &mut [f32]) {
-    let width = nx.div_ceil(2);
-    let height = ny.div_ceil(2);
-    for (row, means) in means.chunks_exact_mut(width).enumerate() {
-        let (y, z) = (2 * (row % height), 2 * (row / height));
-        let rows = [[y, z], [y + 1, z], [y, z + 1], [y + 1, z + 1]];
-        let inside = rows.map(|[y, z]| y < ny && z < nz);
-        let [a, b, c, d] = std::array::from_fn(|i| {
-            let [y, z] = rows[i];
-            let first = (z * ny + y) * nx;
-            // One that is not there is left out below.
-            samples.get(first..first + nx).filter(|_| inside[i])
-        });
-        let count = inside.iter().filter(|is| **is).count();
-        let sum = |x: usize| {
-            let pair = |row: Option<&[f32]>| {
-                let at = |x: usize| row.and_then(|r| r.get(x)).copied().unwrap_or(0.0);
-                at(x) + at(x + 1)
-            };
-            (pair(a) + pair(b)) + (pair(c) + pair(d))
-        };
-        let scale = 1.0 / (2 * count) as f32;
-        let whole = nx / 2;
-        match (a, b, c, d) {
-            (Some(a), Some(b), Some(c), Some(d)) => {
-                let pairs = a.chunks_exact(2).zip(b.chunks_exact(2));
-                let pairs = pairs.zip(c.chunks_exact(2).zip(d.chunks_exact(2)));
-                for (mean, ((a, b), (c, d))) in means.iter_mut().zip(pairs) {
-                    let sum = ((a[0] + a[1]) + (b[0] + b[1])) + ((c[0] + c[1]) + (d[0] + d[1]));
-                    *mean = sum * scale;
-                }
-            }
-            _ => (0..whole).for_each(|x| means[x] = sum(2 * x) * scale),
-        }
-        if whole < width {
-            means[whole] = sum(2 * whole) * (1.0 / count as f32);
-        }
-    }
 }
 
 #[cfg(test)]

@@ -215,7 +215,10 @@ fn refuse_changes(path: &Path, settings: &Settings) -> Result<()> {
             path.display(),
             change.key
         ))
-        .hint("change the .toml file before it is packed, or take this file into one: packed = \"FILE\"")),
+        .hint(
+            "change the .toml file before it is packed, or take this file into one: packed = \
+             \"FILE\"",
+        )),
     }
 }
 

@@ -220,7 +220,8 @@ impl PackedParts {
         check(
             of.is_sorted_by(|(a, _), (b, _)| a < b) && of.iter().all(is_digest),
             &|| "digests".to_owned(),
-            "names that begin with scene/, but of no lights or cameras, in order, each with 32 hexadecimal digits",
+            "names that begin with scene/, but of no lights or cameras, in order, each with 32 \
+             hexadecimal digits",
             of,
         )?;
         let of = &self.extinction_colors;
