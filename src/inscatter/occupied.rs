@@ -1,6 +1,5 @@
 //! Which cells of a lattice on a volume's grid hold any medium.
 
-use crate::math::unflatten;
 use crate::scene::Grid;
 use crate::scene::grid::{BRICK_CELLS, Brick, Cell};
 use rayon::prelude::*;
@@ -56,12 +55,13 @@ fn around_cells(
             })
             .collect();
         for (i, &row) in rows.iter().enumerate().filter(|(_, row)| **row != 0) {
+            let columns = columns.iter().enumerate();
+            let found = columns.fold(0, |found, (column, bits)| {
+                found | u16::from(row & bits != 0) << column
+            });
             let [ys, zs] = [ys[i % BRICK_CELLS], zs[i / BRICK_CELLS]];
             for j in 0..4 {
-                let first = (zs[j >> 1] * filled.across + ys[j & 1]) * filled.across;
-                for (column, bits) in columns.iter().enumerate() {
-                    filled.are_filled[first + column] |= row & bits != 0;
-                }
+                filled.rows[zs[j >> 1] * filled.across + ys[j & 1]] |= found;
             }
         }
         filled.list()
@@ -76,8 +76,8 @@ struct BrickCells {
     step: usize,
     first: [usize; 3],
     across: usize,
-    /// x fastest.
-    are_filled: Vec<bool>,
+    /// A bit for each cell along x that is filled, row by row along y, then z.
+    rows: Vec<u16>,
 }
 
 impl BrickCells {
@@ -90,7 +90,7 @@ impl BrickCells {
             // A cell of the volume begins half a voxel before its number.
             first: brick.map(|b| (2 * b * BRICK_CELLS).saturating_sub(1) / (2 * step)),
             across,
-            are_filled: vec![false; across * across * across],
+            rows: vec![0; across * across],
         }
     }
 
@@ -101,18 +101,20 @@ impl BrickCells {
     }
 
     fn list(&self) -> Vec<[usize; 3]> {
-        let filled = self.are_filled.iter().enumerate().filter(|(_, is)| **is);
-        let at = |(i, _)| {
-            let [x, y, z] = unflatten(i, [self.across; 3]);
-            [self.first[0] + x, self.first[1] + y, self.first[2] + z]
+        let [first_x, first_y, first_z] = self.first;
+        let of_row = |(i, row): (usize, &u16)| {
+            let (row, [y, z]) = (*row, [i % self.across, i / self.across]);
+            let columns = (0..self.across).filter(move |x| row >> x & 1 == 1);
+            columns.map(move |x| [first_x + x, first_y + y, first_z + z])
         };
-        filled.map(at).collect()
+        self.rows.iter().enumerate().flat_map(of_row).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::unflatten;
     use crate::scene::grid::{Allowed, VolumeGrid};
     use glam::Vec3A;
     use std::collections::BTreeSet;

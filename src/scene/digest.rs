@@ -130,8 +130,8 @@ struct Digest {
 }
 
 impl Digest {
-    /// Bytes of a long piece.
-    const LONG: usize = 1 << 16;
+    /// Bytes of a long piece, which all threads hash together.
+    const LONG: usize = 1 << 20;
 
     fn count(&mut self, n: usize) {
         self.pending.extend((n as u64).to_le_bytes());
@@ -152,9 +152,11 @@ impl Digest {
     }
 
     fn hash_if_long(&mut self) {
-        if self.pending.len() >= Self::LONG {
-            self.hasher.update(&self.pending);
-            self.pending.clear();
+        // Pieces of any other length end within blocks of the hash.
+        let long = self.pending.len() / Self::LONG * Self::LONG;
+        if long > 0 {
+            self.hasher.update_rayon(&self.pending[..long]);
+            self.pending.drain(..long);
         }
     }
 

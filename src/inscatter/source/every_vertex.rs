@@ -16,6 +16,7 @@ use crate::scene::Volume;
 use crate::scene::grid::Cell;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Light at the vertices of one volume.
 #[derive(Debug, Default)]
@@ -93,8 +94,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             if cells.is_empty() {
                 continue;
             }
-            cells.par_sort_unstable_by_key(|&[x, y, z]| [z, y, x]);
-            cells.dedup();
+            let cells = each_once(&cells);
             let count = occupied::vertices_along(grid, 1 << level);
             let set = SparseLattice::new(count, |choose| {
                 let vertices = cells.iter().flat_map(|&c| occupied::around(c, count));
@@ -105,14 +105,18 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             memory::check_scattered(volume, all, bytes, job)?;
             let vertices: Vec<[usize; 3]> = set.vertices().collect();
             let task = (job.progress).task("scatter", vertices.len() as u64, "vertices");
-            let values = vertices
-                .into_par_iter()
-                .map(|v| {
-                    job.cancel.check()?;
-                    task.add(1);
-                    Ok(self.vertex(index, level, at(v, level), v))
-                })
-                .collect::<Result<_>>()?;
+            let done = AtomicU64::new(0);
+            let light = |v| {
+                job.cancel.check()?;
+                let lit = self.vertex(index, level, at(v, level), v);
+                if done.fetch_add(1, Ordering::Relaxed) % TOLD_AT_A_TIME == TOLD_AT_A_TIME - 1 {
+                    task.add(TOLD_AT_A_TIME);
+                }
+                Ok(lit)
+            };
+            let values = vertices.into_par_iter().map(light);
+            let values = values.collect::<Result<_>>()?;
+            task.add(done.into_inner() % TOLD_AT_A_TIME);
             let lit = SparseValues { set, values };
             if level > finest {
                 let changes =
@@ -159,6 +163,21 @@ impl<G: GatherInMedia> InScatter<'_, G> {
 /// Finer vertices that stand where light changes much are no closer than this part of the volume:
 /// a camera that needs more is near, and lights what it sees.
 const MOST_ALONG: usize = 192;
+
+/// Vertices of which progress is told together: each is lit as fast as a clock is read.
+const TOLD_AT_A_TIME: u64 = 64;
+
+/// Cells that are listed more than once, in order.
+fn each_once(cells: &[[usize; 3]]) -> Vec<[usize; 3]> {
+    const BITS: u32 = 21;
+    let key = |[x, y, z]: [usize; 3]| (z << BITS | y) << BITS | x;
+    let mut keys: Vec<usize> = cells.par_iter().copied().map(key).collect();
+    keys.par_sort_unstable();
+    keys.dedup();
+    let along = |key: usize| key & ((1 << BITS) - 1);
+    let cell = |key: &usize| [0, 1, 2].map(|a| along(key >> (a * BITS)));
+    keys.par_iter().map(cell).collect()
+}
 
 /// A vertex in index space.
 fn at(v: [usize; 3], level: usize) -> Vec3 {

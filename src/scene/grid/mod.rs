@@ -198,10 +198,6 @@ impl Grid {
             let first = at * block[axis];
             (first + block[axis]).min(self.dims[axis]) - first
         };
-        // Divisions of each voxel's place would take most of the time.
-        let along = |axis: usize| (0..self.dims[axis]).map(move |at| at / block[axis]);
-        let columns: Vec<usize> = along(0).collect();
-        let rows: Vec<usize> = along(1).map(|j| j * nx).collect();
         let mut means = vec![0.0; nx * ny * nz];
         let layers = means.par_chunks_mut(nx * ny).enumerate();
         layers.for_each(|(k, layer)| {
@@ -209,8 +205,15 @@ impl Grid {
             layer.fill(0.0);
             let first = k * block[2];
             for z in first..first + size(2, k) {
-                self.each_in_layer(z, |x, y, value| {
-                    layer[rows[y] + columns[x]] += value;
+                self.each_row_in_layer(z, |mut x, y, mut row| {
+                    let sums = &mut layer[y / block[1] * nx..][..nx];
+                    while !row.is_empty() {
+                        let column = x / block[0];
+                        let own = ((column + 1) * block[0] - x).min(row.len());
+                        let (values, rest) = row.split_at(own);
+                        sums[column] = values.iter().fold(sums[column], |sum, v| sum + v);
+                        (x, row) = (x + own, rest);
+                    }
                 });
             }
             for (i, mean) in layer.iter_mut().enumerate() {
@@ -226,8 +229,9 @@ impl Grid {
         std::array::from_fn(|a| self.dims[a].div_ceil(block[a]))
     }
 
-    /// Gives the samples of one layer in stored bricks to `take`, each once.
-    fn each_in_layer(&self, z: usize, mut take: impl FnMut(usize, usize, f32)) {
+    /// Gives the samples of one layer in stored bricks to `take`, each once: those of a row from a
+    /// voxel on.
+    fn each_row_in_layer(&self, z: usize, mut take: impl FnMut(usize, usize, &[f32])) {
         let [width, height, _] = self.dims;
         let corner = z + 1;
         for j in 0..self.bricks[1] {
@@ -242,11 +246,10 @@ impl Grid {
                 let samples = |b: usize, n: usize| {
                     (b * BRICK_CELLS).max(1)..(b * BRICK_CELLS + BRICK_CELLS).min(n + 1)
                 };
+                let xs = samples(i, width);
                 for y in samples(j, height) {
-                    let row = y % BRICK_CELLS * BRICK_EDGE;
-                    for x in samples(i, width) {
-                        take(x - 1, y - 1, layer[row + x % BRICK_CELLS]);
-                    }
+                    let row = &layer[y % BRICK_CELLS * BRICK_EDGE + xs.start % BRICK_CELLS..];
+                    take(xs.start - 1, y - 1, &row[..xs.len()]);
                 }
             }
         }
