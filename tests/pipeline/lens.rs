@@ -225,3 +225,42 @@ fn tiles_and_threads_make_the_same_picture_through_a_lens() {
         }
     }
 }
+
+/// A floor before a wall, half of which is in the penumbra of that under a wide sun.
+fn in_penumbra(camera: CameraInput) -> Scene {
+    let square = |name: &str, corners: [[f64; 3]; 4]| {
+        let mesh = MeshInput::new(name, corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]);
+        mesh.albedo([0.5; 3])
+    };
+    let floor = [[-4.0, 4.0], [4.0, 4.0], [4.0, -4.0], [-4.0, -4.0]].map(|[x, z]| [x, 0.0, z]);
+    let wall = [[-4.0, -4.0], [4.0, -4.0], [4.0, 4.0], [-4.0, 4.0]].map(|[x, y]| [x, y, -1.2]);
+    let sun = LightInput::sun([-0.77, -0.52, 0.84], [3.4; 3], 0.1).unwrap();
+    SceneBuilder::new("penumbra")
+        .film(film(160, 120))
+        .camera(camera)
+        .mesh(square("floor", floor))
+        .mesh(square("wall", wall))
+        .light(sun)
+        .build()
+        .unwrap()
+}
+
+#[test]
+fn shadows_are_where_a_pinhole_sees_them() {
+    let light = |up: DVec3, aperture: f32| {
+        let (from, to) = ([0.04, 1.0, 2.0], [0.0, 0.5, 0.0]);
+        let camera = CameraInput::look_at("front", from, to, up, 1.92).unwrap();
+        let camera = match aperture > 0.0 {
+            true => camera.lens(aperture, 3.6),
+            false => camera,
+        };
+        let scene = in_penumbra(camera);
+        let work = Work::new("");
+        let tree = work.bake(&scene, 5_000);
+        mean(&beauty(&shade(&scene, &tree, &Settings::default())))
+    };
+    for up in [DVec3::Y, -DVec3::Y] {
+        let off = light(up, 0.026) / light(up, 0.0) - 1.0;
+        assert!(off.abs() < 0.004, "{up}: {off}");
+    }
+}

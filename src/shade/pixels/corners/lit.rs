@@ -34,11 +34,11 @@ pub struct LitEnd {
     pub normal: Vec3,
     /// Index of its material.
     pub material: u32,
-    /// Direct irradiance.
+    /// Direct irradiance in the middle of the pixel that it is the upper left corner of.
     pub direct: WithSky,
     /// Indirect irradiance.
     pub indirect: WithSky,
-    /// Whether the edge of a shadow is between it and the next corners to the right and below.
+    /// Whether the edge of a shadow is in that pixel.
     pub is_edge: bool,
 }
 
@@ -66,12 +66,23 @@ impl<A: CameraMedia> Corners<'_, A> {
         let mut visibility = Visibility::default();
         own.iter()
             .for_each(|c| visibility += c.sample.direct.visibility);
-        let direct = &sample.direct;
-        let (arriving, is_edge) = match self.lit(first, own[0], at) {
-            LightAtPixel::Arrived { lamps, sky } => (direct.arriving(&lamps, &sky), false),
-            LightAtPixel::Edge => (direct.arriving(&direct.ratio, &direct.sky.ratio), true),
+        let lit = self.lit(first, own[0], at);
+        let arriving = |corner: &Corner<A::Passed>| {
+            let direct = &corner.sample.direct;
+            WithSky::from(match &lit {
+                LightAtPixel::Arrived { lamps, sky } => direct.arriving(lamps, sky),
+                LightAtPixel::Edge => direct.arriving(&direct.ratio, &direct.sky.ratio),
+            })
         };
-        let direct: WithSky = arriving.into();
+        let direct = arriving(own[0]);
+        let (mut over_pixel, mut count) = (WithSky::BLACK, 0.0);
+        for corner in own
+            .into_iter()
+            .filter(|c| self.shader.same_end(sample, &c.sample))
+        {
+            over_pixel += arriving(corner);
+            count += 1.0;
+        }
         let emission = surface.emission(
             self.shader.view.tracer.scene,
             sample.triangle,
@@ -83,9 +94,9 @@ impl<A: CameraMedia> Corners<'_, A> {
                 position: surface.position,
                 normal: surface.normal,
                 material: surface.material,
-                direct,
+                direct: over_pixel * (1.0 / f32::max(count, 1.0)),
                 indirect: *irradiance,
-                is_edge: is_edge || visibility.has_edge(),
+                is_edge: matches!(lit, LightAtPixel::Edge) || visibility.has_edge(),
             }),
             passed: sample.passed,
             radiance: sample.passed.transmittance().filter(light) + sample.passed.radiance(),

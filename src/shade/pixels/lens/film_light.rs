@@ -19,7 +19,7 @@ pub struct FilmLight<T> {
 /// Light of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct LightOnFilm<T> {
-    /// Direct irradiance; `None` where the edge of a shadow is near.
+    /// Direct irradiance; any where the edge of a shadow is near.
     pub direct: WithSky,
     /// Indirect irradiance.
     pub indirect: WithSky,
@@ -45,7 +45,7 @@ impl<T: PassedMedia> FilmLight<T> {
         inside.then(|| &self.corners[((y - y0) * (x1 - x0) + (x - x0)) as usize])
     }
 
-    /// Light at a surface that is seen from `t` away at a point of the film, between the corners
+    /// Light at a surface that is seen at a point of the film, between the corners and the pixels
     /// around that end on its piece.
     #[must_use]
     pub fn at(
@@ -57,8 +57,6 @@ impl<T: PassedMedia> FilmLight<T> {
         if x < 0.0 || y < 0.0 {
             return None;
         }
-        let (column, row) = (x as u32, y as u32);
-        let (u, v) = (x - column as f32, y - row as f32);
         let mut light = LightOnFilm {
             direct: WithSky::BLACK,
             indirect: WithSky::BLACK,
@@ -67,35 +65,57 @@ impl<T: PassedMedia> FilmLight<T> {
         };
         let mut sum = 0.0;
         let (mut transmittance, mut radiance) = (T::Share::default(), Rgb::BLACK);
-        for (right, down, weight) in [
-            (0, 0, (1.0 - u) * (1.0 - v)),
-            (1, 0, u * (1.0 - v)),
-            (0, 1, (1.0 - u) * v),
-            (1, 1, u * v),
-        ] {
-            let Some(corner) = self.corner(column + right, row + down) else {
-                continue;
-            };
+        for (corner, weight) in self.around([x, y]) {
             let Some(end) = corner.end.filter(|end| is_on(end, surface, footprint)) else {
                 continue;
             };
-            // None is left out for lying on the border.
-            let weight = weight + 1e-3;
             sum += weight;
-            light.direct += end.direct * weight;
             light.indirect += end.indirect * weight;
-            light.is_edge |= right + down == 0 && end.is_edge;
             if !T::IS_VACUUM {
                 transmittance += corner.passed.transmittance() * weight;
                 radiance += corner.passed.radiance() * weight;
             }
         }
-        (sum > 0.0).then(|| {
-            let share = 1.0 / sum;
-            light.direct = light.direct * share;
-            light.indirect = light.indirect * share;
-            light.passed = T::of(transmittance * share, radiance * share);
-            light
+        if sum == 0.0 {
+            return None;
+        }
+        let share = 1.0 / sum;
+        light.indirect = light.indirect * share;
+        light.passed = T::of(transmittance * share, radiance * share);
+        // Shadows are those in the middle of pixels.
+        let mut sum = 0.0;
+        for (corner, weight) in self.around([x - 0.5, y - 0.5]) {
+            let Some(end) = corner.end.filter(|end| is_on(end, surface, footprint)) else {
+                continue;
+            };
+            sum += weight;
+            light.direct += end.direct * weight;
+        }
+        let own = self.corner(x as u32, y as u32).and_then(|c| c.end);
+        let is_own_edge = own.is_some_and(|end| end.is_edge && is_on(&end, surface, footprint));
+        light.is_edge = is_own_edge || sum == 0.0;
+        if sum > 0.0 {
+            light.direct = light.direct * (1.0 / sum);
+        }
+        Some(light)
+    }
+
+    /// The upper left corners of the pixels before and behind a place along both axes, with their
+    /// weights there.
+    fn around(&self, [x, y]: [f32; 2]) -> impl Iterator<Item = (&LitCorner<T>, f32)> {
+        let [left, top] = [x, y].map(f32::floor);
+        let [u, v] = [x - left, y - top];
+        let around = [
+            (0.0, 0.0, (1.0 - u) * (1.0 - v)),
+            (1.0, 0.0, u * (1.0 - v)),
+            (0.0, 1.0, (1.0 - u) * v),
+            (1.0, 1.0, u * v),
+        ];
+        around.into_iter().filter_map(move |(right, down, weight)| {
+            let [x, y] = [left + right, top + down];
+            let corner = (x >= 0.0 && y >= 0.0).then(|| self.corner(x as u32, y as u32))?;
+            // None is left out for lying on the border.
+            Some((corner?, weight + 1e-3))
         })
     }
 }
@@ -116,25 +136,14 @@ impl<T: PassedMedia> FilmLight<T> {
         if x < 0.0 || y < 0.0 {
             return None;
         }
-        let (column, row) = (x as u32, y as u32);
-        let (u, v) = (x - column as f32, y - row as f32);
         let (mut sum, mut transmittance, mut radiance) = (0.0, T::Share::default(), Rgb::BLACK);
-        for (right, down, weight) in [
-            (0, 0, (1.0 - u) * (1.0 - v)),
-            (1, 0, u * (1.0 - v)),
-            (0, 1, (1.0 - u) * v),
-            (1, 1, u * v),
-        ] {
-            let Some(corner) = self.corner(column + right, row + down) else {
-                continue;
-            };
+        for (corner, weight) in self.around([x, y]) {
             let end = corner
                 .end
                 .map_or(f32::INFINITY, |end| end.position.distance(origin));
             if (end.min(far) - t.min(far)).abs() > MOST_DIFFERENCE * (far - near) {
                 continue;
             }
-            let weight = weight + 1e-3;
             sum += weight;
             transmittance += corner.passed.transmittance() * weight;
             radiance += corner.passed.radiance() * weight;
