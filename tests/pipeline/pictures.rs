@@ -198,6 +198,34 @@ fn tiles_keep_alpha_layers_and_matrices() {
     }
 }
 
+/// Boxes that shine before each other, so small that borders of many are in one pixel.
+#[test]
+fn no_pixel_is_covered_more_than_once_by_lamps() {
+    let mut text = String::from(
+        "[film]\nwidth = 64\nheight = 48\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+         fov_x_deg = 30\n",
+    );
+    for i in 0..80 {
+        let place =
+            [0.618_034, 0.754_878, 0.569_84].map(|step| (f64::from(i) * step).fract() - 0.5);
+        let turn = [37 * i % 360, 61 * i % 360, 0];
+        text += &format!(
+            "[[mesh]]\nfile = \"builtin:cube\"\nscale = 0.08\nrotate_deg = {turn:?}\n\
+             translate = {place:?}\nemission = [1, 1, 1]\nalbedo = [0, 0, 0]\n"
+        );
+    }
+    let work = Work::new(&text);
+    let scene = work.scene();
+    let store = OpenTree::open(&work.bake(&scene, 5000), None).unwrap();
+    let frame = shade(&scene, &store, &settings(false), Region::full(64, 48));
+    let alpha = channel(&frame, "", "A");
+    assert!(alpha.iter().all(|a| (0.0..=1.0).contains(a)));
+    let brightest = beauty(&frame)
+        .iter()
+        .fold(0.0, |most: f32, p| most.max(p[0]));
+    assert!(brightest < 1.2, "{brightest}");
+}
+
 #[test]
 fn the_command_line_adds_alpha() {
     let work = Work::new(&open_room());

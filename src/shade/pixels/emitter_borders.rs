@@ -224,16 +224,13 @@ impl EmitterBorders {
             };
             seen.share += share.mean();
         }
-        if seen.share > Self::COINCIDENT {
+        // Few rays may say so, and lamps that lie in each other.
+        if seen.share > 1.0 {
             seen.radiance *= 1.0 / seen.share;
             seen.share = 1.0;
         }
         seen
     }
-
-    /// Share of a pixel that emitters which do not lie in each other never seem to cover, by however few
-    /// rays.
-    const COINCIDENT: f32 = 1.5;
 
     /// Rays to the part of each emitter in a pixel: fewer where many small triangles are parts of one
     /// lamp, or lamps are many.
