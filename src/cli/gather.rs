@@ -47,7 +47,8 @@ pub struct Args {
     #[arg(long)]
     occlusion: bool,
 
-    /// Add the harmonic mean of the distance to what is seen, scene units; infinite if nothing is.
+    /// Add how far away light changes, scene units: the harmonic mean of the distance to what is
+    /// seen, or twice that by the light from there where it is less; infinite if nothing is seen.
     /// Media count by the share of the light that they stop
     #[arg(long)]
     distance: bool,

@@ -88,8 +88,8 @@ pub struct Gathered {
     pub light: Rgb,
     /// The part of it that comes straight from the environment.
     pub environment: Rgb,
-    /// Harmonic mean of the distance to what was seen: how far away light changes; infinite if
-    /// nothing was.
+    /// Harmonic mean of the distance to what was seen, or twice that by the light that comes from
+    /// there where this is less: how far away light changes; infinite if nothing was seen.
     pub harmonic_distance: f32,
     /// Mean of the directions of rays, each over the distance of what it met: points to what is near.
     pub toward: Vec3,
@@ -150,6 +150,8 @@ pub(super) struct IncidentSum {
     light: Rgb,
     environment: Rgb,
     inverse_distance: f32,
+    /// The same times the light of each ray.
+    lit_inverse_distance: f32,
     toward: Vec3,
     /// What an environment that differs by direction would send along rays, and how many these are.
     unhidden: Rgb,
@@ -161,6 +163,7 @@ impl IncidentSum {
         self.light += seen.radiance;
         self.environment += seen.environment;
         self.inverse_distance += seen.inverse_distance;
+        self.lit_inverse_distance += seen.radiance.mean() * seen.inverse_distance;
         self.toward += seen.direction * seen.inverse_distance;
     }
 
@@ -197,10 +200,14 @@ impl IncidentSum {
     /// Returns the mean over `count` rays, those that were not added being black and endless.
     pub fn mean(self, count: u32) -> Gathered {
         let n = count as f32;
+        // Of rays that find nothing and bring nothing any number may be beside the few that tell
+        // how light changes.
+        let plain = n / self.inverse_distance;
+        let lit = self.light.mean() / self.lit_inverse_distance;
         Gathered {
             light: self.light * (1.0 / n),
             environment: self.environment * (1.0 / n),
-            harmonic_distance: n / self.inverse_distance,
+            harmonic_distance: plain.min(2.0 * lit),
             toward: self.toward / n,
         }
     }
@@ -411,5 +418,36 @@ impl<'a, M: Medium> Gatherer<'a, M> {
             arriving,
             direction: ray.direction,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How far away light changes, by so many of 100 rays that meet things 2 away, which send this.
+    fn distance(rays: u32, radiance: f32) -> f32 {
+        let mut sum = IncidentSum::default();
+        for _ in 0..rays {
+            sum.add(Incident {
+                radiance: Rgb::splat(radiance),
+                environment: Rgb::BLACK,
+                distance: 2.0,
+                inverse_distance: 0.5,
+                arriving: 1.0,
+                direction: Vec3::Z,
+            });
+        }
+        sum.mean(100).harmonic_distance
+    }
+
+    #[test]
+    fn light_of_few_rays_changes_over_the_distance_that_they_go() {
+        assert_eq!(distance(100, 1.0), 2.0);
+        assert_eq!(distance(40, 1.0), 4.0);
+        assert_eq!(distance(2, 1.0), 4.0);
+        // What is dark hides light from afar, if there is any.
+        assert_eq!(distance(2, 0.0), 100.0);
+        assert_eq!(distance(0, 0.0), f32::INFINITY);
     }
 }
