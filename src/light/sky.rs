@@ -113,7 +113,7 @@ impl Sky {
     /// An excess of less than this share of all light is left to gathers.
     const MIN_EXCESS: f64 = 0.005;
     /// Edges along the map that gathers meet: a few for each of their rays.
-    const RADIANCE_EDGE: usize = 16;
+    const RADIANCE_EDGE: usize = 32;
     /// The same for irradiance by normal, of gathers and of the excess.
     const IRRADIANCE_EDGE: usize = 32;
     const EXCESS_EDGE: usize = 64;
@@ -311,6 +311,25 @@ mod tests {
             let expected = 2.5 + a.dot(n) + 0.8 * second(n);
             assert!((radiance - expected).abs() < 0.06, "{radiance} {expected}");
         }
+    }
+
+    /// What a wall hides of a softbox must not be met beside that.
+    #[test]
+    fn edges_of_a_softbox_are_narrow() {
+        let towards = Vec3::new(0.2, 0.6, 0.5).normalize();
+        let off = |d: Vec3| libm::acosf(d.dot(towards)).to_degrees() - 62.0;
+        let value = |d: Vec3| if off(d) < 0.0 { 1.0 } else { 0.0 };
+        let sky = Sky::new(&image(256, value), Rgb::BLACK);
+        assert!(sky.excess.is_none());
+        let all = (0..40_000).map(|i| sampling::sphere(sampling::r2(i, [0.2; 2])));
+        let (mut sum, mut count) = (0.0, 0.0);
+        for d in all.filter(|d| off(*d).abs() < 16.0) {
+            sum += (sky.map.radiance.get(d).0[0] - value(d)).abs();
+            count += 1.0;
+        }
+        // A straight slope over so many degrees is off by a quarter of it in the mean over them.
+        let width = 4.0 * 32.0 * sum / count;
+        assert!(width < 14.0, "{width}");
     }
 
     #[test]
