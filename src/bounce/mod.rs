@@ -52,7 +52,7 @@ mod walls;
 use crate::formats::{Overwrite, TreeMeta, TreeSummary, TreeWriter};
 use crate::gather::{ColoredMedia, Medium, NoMedia};
 use crate::light::{Lights, SceneMedia};
-use crate::math::Rgb;
+use crate::math::{Aabb, Rgb};
 use crate::run::{Budget, Job, hex};
 use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
@@ -62,6 +62,7 @@ use crate::view;
 use crate::{Error, Result};
 use blocks::Blocks;
 use crossings::Room;
+use glam::Vec3;
 use light::{Light, Share};
 use links::{Links, Sites};
 use lobes::Lobes;
@@ -156,6 +157,15 @@ pub fn run(
                 100.0 * lit.solution.kept
             ));
         }
+        if let Some([a, b]) = side_by_side(&scene.volumes)
+            && settings.bounces != Bounces::Count(1)
+        {
+            job.progress.warn(&format!(
+                "the volumes {:?} and {:?} lie side by side: light that is scattered again in one does not reach \
+                 the other, and where they are dense the picture may be too dark by a tenth; join them in one grid",
+                a.name, b.name
+            ));
+        }
         job.heed_warnings()?;
         let old = source.summary();
         let summary = writer.finish(old.root_page, old.cloud_sums.clone(), old.levels.clone())?;
@@ -175,6 +185,25 @@ pub fn run(
             counts.insert(name.into(), count);
         }
         Ok(summary)
+    })
+}
+
+/// Two volumes that share a face, as parts of one cloud do: each is solved by itself.
+fn side_by_side(volumes: &[Volume]) -> Option<[&Volume; 2]> {
+    /// Part of the smaller one's box that both may have.
+    const MOST_SHARED: f32 = 0.2;
+    let touch = |a: &Volume, b: &Volume| {
+        let voxel = a.longest_voxel_edge().max(b.longest_voxel_edge());
+        let (a, b) = (a.bounds(), b.bounds());
+        let along = a.max.min(b.max) - a.min.max(b.min);
+        let wide = along.to_array().iter().filter(|n| **n > voxel).count();
+        let size = |of: &Aabb| (of.max - of.min).element_product();
+        let shared = along.max(Vec3::ZERO).element_product();
+        along.min_element() >= -voxel && wide >= 2 && shared < MOST_SHARED * size(&a).min(size(&b))
+    };
+    volumes.iter().enumerate().find_map(|(i, b)| {
+        let a = volumes[..i].iter().find(|a| touch(a, b))?;
+        Some([a, b])
     })
 }
 

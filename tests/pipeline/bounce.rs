@@ -137,6 +137,42 @@ fn volumes_on_one_grid_light_each_other() {
     );
 }
 
+#[test]
+fn parts_of_a_cloud_that_lie_side_by_side_are_told() {
+    let warnings = |offsets: &[f64], bounces: Bounces| {
+        let mut text = String::from(
+            "[film]\nwidth = 4\nheight = 4\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+             fov_x_deg = 24\n[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\n",
+        );
+        for (i, offset) in offsets.iter().enumerate() {
+            text += &format!(
+                "[[volume]]\nname = \"part {i}\"\nfile = \"full.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\n\
+                 value_scale = 0.004\nsigma_t_scale = 2\nalbedo = [0.8, 0.8, 0.8]\n\
+                 unitcube_to_world = [[1, 0, 0, {offset}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+            );
+        }
+        let work = Work::new(&text);
+        fs::write(work.path("full.raw"), [250; 512]).unwrap();
+        let scene = work.scene();
+        let tree = work.bake(&scene, 1000);
+        let store = OpenTree::open(&tree, None).unwrap();
+        let settings = Settings {
+            bounces,
+            ..Settings::default()
+        };
+        let (job, path) = (Job::default(), work.path("bounced.lvt"));
+        bounce::run(&scene, &store, &path, &settings, Overwrite::Replace, &job).unwrap();
+        job.progress.warnings()
+    };
+    let [told] = &warnings(&[0.0, 3.0, 0.9], Bounces::All)[..] else {
+        panic!("expected one warning");
+    };
+    assert!(told.contains("\"part 0\" and \"part 2\""), "{told}");
+    assert_eq!(warnings(&[0.0, 1.0], Bounces::Count(1)), [""; 0]);
+    // Apart, and in each other.
+    assert_eq!(warnings(&[0.0, 1.4, -0.01], Bounces::All), [""; 0]);
+}
+
 /// A convex body under a sky sends all of its light away: there is nothing to bounce.
 #[test]
 fn a_sky_is_reflected_once() {
