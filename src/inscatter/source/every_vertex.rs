@@ -94,7 +94,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             if cells.is_empty() {
                 continue;
             }
-            let cells = each_once(&cells);
+            let cells = each_once(cells);
             let count = occupied::vertices_along(grid, 1 << level);
             let set = SparseLattice::new(count, |choose| {
                 let vertices = cells.iter().flat_map(|&c| occupied::around(c, count));
@@ -167,16 +167,20 @@ const MOST_ALONG: usize = 192;
 /// Vertices of which progress is told together: each is lit as fast as a clock is read.
 const TOLD_AT_A_TIME: u64 = 64;
 
-/// Cells that are listed more than once, in order.
-fn each_once(cells: &[[usize; 3]]) -> Vec<[usize; 3]> {
-    const BITS: u32 = 21;
-    let key = |[x, y, z]: [usize; 3]| (z << BITS | y) << BITS | x;
-    let mut keys: Vec<usize> = cells.par_iter().copied().map(key).collect();
+/// Cells in order, each once, of a list that has some of them twice.
+fn each_once(cells: Vec<[usize; 3]>) -> Vec<[usize; 3]> {
+    /// Enough for any cell of a grid whose bits are kept.
+    const BITS: usize = 21;
+    let key = |cell: [usize; 3]| {
+        let [x, y, z] = cell.map(|c| c as u64);
+        (z << BITS | y) << BITS | x
+    };
+    let mut keys: Vec<u64> = cells.into_par_iter().map(key).collect();
     keys.par_sort_unstable();
     keys.dedup();
-    let along = |key: usize| key & ((1 << BITS) - 1);
-    let cell = |key: &usize| [0, 1, 2].map(|a| along(key >> (a * BITS)));
-    keys.par_iter().map(cell).collect()
+    let along = |key: u64| key as usize & ((1 << BITS) - 1);
+    let cell = |key: u64| [0, 1, 2].map(|a| along(key >> (a * BITS)));
+    keys.into_par_iter().map(cell).collect()
 }
 
 /// A vertex in index space.
