@@ -13,6 +13,7 @@
 //! | `sparse`, `occupied` | chosen vertices of a lattice: those around cells that hold any medium |
 //! | `bricks`, `density` | a value for each brick of a volume; how fast light changes there |
 //! | `spacing` | how close a camera needs vertices to stand |
+//! | `near_emitters` | how close they must stand beside emitters |
 //! | `direct` | direct light at vertices, and how it falls between them |
 //! | `sweep/` | indirect light at the vertices of thin bricks, by discrete ordinates |
 //! | `lvoxel_light` | light that lvoxels send each other, of a tree that tells it |
@@ -32,6 +33,7 @@ mod gatherer;
 mod lvoxel_light;
 mod march;
 mod memory;
+mod near_emitters;
 mod occupied;
 mod scattered;
 mod seen_channels;

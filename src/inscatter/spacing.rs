@@ -5,8 +5,8 @@ use super::bricks::BrickTable;
 use super::density::Densities;
 use super::direct::DIRECT_LEVELS;
 use crate::math::unflatten;
-use crate::scene::Volume;
 use crate::scene::grid::BRICK_CELLS;
+use crate::scene::{Grid, Volume};
 use crate::view::{View, VisibleMedia};
 use glam::Vec3;
 
@@ -106,6 +106,12 @@ impl LeastSpacing {
     /// None, for light that all cameras share.
     pub fn none() -> Self {
         Self(None)
+    }
+
+    /// The least of all bricks that hold any medium.
+    pub fn least(&self, grid: &Grid) -> usize {
+        let filled = grid.bricks().filter(|b| grid.brick(*b).is_some());
+        filled.map(|b| self.of(b)).min().unwrap_or(0)
     }
 
     /// That of a brick.

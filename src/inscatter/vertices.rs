@@ -63,6 +63,11 @@ impl<T> Vertices<T> {
             .get_or_init(|| evaluate(self.at(v), v))
     }
 
+    /// Vertices along each axis.
+    pub fn count(&self) -> [usize; 3] {
+        self.count
+    }
+
     /// The place of a vertex in index space.
     pub fn at(&self, v: [usize; 3]) -> Vec3 {
         Vec3::from(v.map(|c| c as f32)) * self.step

@@ -54,6 +54,12 @@ impl Emitters {
         self.all.is_empty()
     }
 
+    /// The corners of those that send any light.
+    pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        let bright = self.all.iter().filter(|e| e.radiance.max() > 0.0);
+        bright.map(|e| e.corners)
+    }
+
     fn get(&self, index: u32) -> &Emitter {
         &self.all[index as usize]
     }
@@ -99,7 +105,7 @@ impl CutTolerance {
     };
     /// The same of a few triangles that have textures: as exact a picture in three quarters of the
     /// time.
-    const SHADING_PARTS: Self = Self {
+    pub const SHADING_PARTS: Self = Self {
         tolerance: 0.1,
         estimator: Estimator::Ratio,
         rays: 2,

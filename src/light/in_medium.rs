@@ -2,6 +2,7 @@
 
 use super::delta_lights::{self, SegmentFromLight};
 use super::direct::DirectLight;
+use super::emitters::{CutTolerance, Unshadowed};
 use super::groups::Which;
 use super::lights::Lights;
 use super::shading_point::{INVERSE_SPHERE, MediumReceiver, PhaseReceiver};
@@ -71,6 +72,14 @@ impl<S: Shadows> Lights<'_, S> {
             share: self.share_of_point_sources(point),
             rest: rest.light() * INVERSE_SPHERE,
         }
+    }
+
+    /// Mean over the sphere of the radiance of emitters at a point, if nothing is between; that of
+    /// many roughly.
+    #[must_use]
+    pub fn unshadowed_of_emitters(&self, point: Vec3) -> Rgb {
+        let tolerance = CutTolerance::SHADING_PARTS;
+        Unshadowed::new(&self.emitters, tolerance, point, MediumReceiver).light * INVERSE_SPHERE
     }
 
     /// Share of all that point and spot lights send to a point of a medium that arrives, per

@@ -136,6 +136,11 @@ impl<'a, S: Shadows> Lights<'a, S> {
         self
     }
 
+    /// The corners of emissive triangles.
+    pub fn emitters(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        self.emitters.corners()
+    }
+
     /// Share of light that gets from the end of a ray to its origin: 0 behind a surface, else what
     /// the scene's own media let through.
     #[must_use]

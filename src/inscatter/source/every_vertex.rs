@@ -1,7 +1,6 @@
 //! Light at all vertices that any camera may ask for.
 
 use super::InScatter;
-use super::lattices::VolumeLattices;
 use crate::Result;
 use crate::inscatter::direct::{
     DIRECT_LEVELS, DirectLevels, LightVectors, Spread, Vertex, has_edge,
@@ -12,7 +11,7 @@ use crate::inscatter::sweep::{Sweep, SweptLevels};
 use crate::inscatter::vertices::blend;
 use crate::inscatter::{memory, occupied};
 use crate::run::Job;
-use crate::scene::Volume;
+use crate::scene::Grid;
 use crate::scene::grid::Cell;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -91,10 +90,18 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         for level in (0..DIRECT_LEVELS).rev() {
             let mut cells = occupied::cells(grid, &bricks[level], 1 << level, uses_vertices);
             cells.append(&mut finer);
+            let mut cells = each_once(cells);
+            if lattices.emitters.are_any() {
+                let is_near = |&c: &[usize; 3]| lattices.emitters.are_near(level, c);
+                let (near, far): (Vec<_>, _) = cells.into_iter().partition(is_near);
+                cells = far;
+                if level > finest {
+                    finer.extend(halves(grid, level, near));
+                }
+            }
             if cells.is_empty() {
                 continue;
             }
-            let cells = each_once(cells);
             let count = occupied::vertices_along(grid, 1 << level);
             let set = SparseLattice::new(count, |choose| {
                 let vertices = cells.iter().flat_map(|&c| occupied::around(c, count));
@@ -119,15 +126,9 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             task.add(done.into_inner() % TOLD_AT_A_TIME);
             let lit = SparseValues { set, values };
             if level > finest {
-                let changes =
-                    |cell: &&[usize; 3]| self.changes(volume, lattices, &lit, **cell, level);
-                let changing: Vec<_> = cells.par_iter().filter(changes).collect();
-                let below = changing
-                    .into_iter()
-                    .flat_map(|&c| occupied::around(c.map(|c| 2 * c), [usize::MAX; 3]));
-                let count = occupied::vertices_along(grid, 1 << (level - 1));
-                let is_cell = |c: &[usize; 3]| (0..3).all(|a| c[a] + 1 < count[a]);
-                finer.extend(below.filter(is_cell));
+                let changes = |cell: &&[usize; 3]| self.changes(index, &lit, **cell, level);
+                let changing = cells.par_iter().filter(changes).copied().collect();
+                finer.extend(halves(grid, level, changing));
             }
             levels[level] = Some(lit);
         }
@@ -137,14 +138,18 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     /// Whether rays may ask for vertices between those of a cell.
     fn changes(
         &self,
-        volume: &Volume,
-        lattices: &VolumeLattices,
+        index: usize,
         lit: &SparseValues<Vertex>,
         cell: [usize; 3],
         level: usize,
     ) -> bool {
+        let (volume, lattices) = (&self.volumes[index], &self.lattices[index]);
         let dims = Vec3::from(volume.sigma_t.size());
         let middle = (Vec3::from(cell.map(|c| c as f32)) + 0.5) * (1 << level) as f32;
+        let is_far = lattices.emitters.levels(middle) > level + Self::FAR_LEVELS;
+        if !is_far && self.bends(index, level, cell) {
+            return true;
+        }
         let densest = lattices.densities.at(middle.min(dims)) * lattices.voxel;
         let count = lit.set.count();
         let mut values = [LightVectors::default(); 8];
@@ -181,6 +186,15 @@ fn each_once(cells: Vec<[usize; 3]>) -> Vec<[usize; 3]> {
     let along = |key: u64| key as usize & ((1 << BITS) - 1);
     let cell = |key: u64| [0, 1, 2].map(|a| along(key >> (a * BITS)));
     keys.into_par_iter().map(cell).collect()
+}
+
+/// The cells of the next finer lattice that are in such cells.
+fn halves(grid: &Grid, level: usize, cells: Vec<[usize; 3]>) -> impl Iterator<Item = [usize; 3]> {
+    let count = occupied::vertices_along(grid, 1 << (level - 1));
+    let below = cells
+        .into_iter()
+        .flat_map(|c| occupied::around(c.map(|c| 2 * c), [usize::MAX; 3]));
+    below.filter(move |c| (0..3).all(|a| c[a] + 1 < count[a]))
 }
 
 /// A vertex in index space.

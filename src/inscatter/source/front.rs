@@ -55,18 +55,19 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         (level > 0).then(|| lattices.voxel * (1 << level) as f32)
     }
 
-    /// Direct light at two points (Gauss-Legendre) of what the camera sees of a segment: it is not
-    /// linear along a dense one.
+    /// Direct light at two points (Gauss-Legendre) of what the camera sees of a segment, with so
+    /// many shadow rays each: it is not linear along a dense one.
     pub(super) fn direct_of_points(
         &self,
         segment: &RaySegment<G::Share>,
         lights: &Lights<SceneMedia<G::Share>>,
         suns: Option<&SunDepths>,
+        rays: u32,
     ) -> Rgb {
         let mut sum = Rgb::BLACK;
         for share in [0.211_324_87, 0.788_675_1] {
             let point = segment.at_share(share);
-            let rays = Self::rays(Self::SHADOW_RAYS / 2, self.seed_of(point));
+            let rays = Self::rays(rays, self.seed_of(point));
             let light = self.lit(lights, point, rays, suns, segment.seen);
             let unshadowed = self.lights.unshadowed_along(point, point, segment.seen);
             sum += (light.share * unshadowed + light.rest) * 0.5;

@@ -8,6 +8,7 @@ use crate::inscatter::direct::{DIRECT_LEVELS, Vertex};
 use crate::inscatter::far_field::FarField;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::lvoxel_light::LvoxelLight;
+use crate::inscatter::near_emitters::NearEmitters;
 use crate::inscatter::scattered::ScatteredLight;
 use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
@@ -19,12 +20,32 @@ use crate::tree::IncidentGrid;
 use crate::view::{View, VisibleMedia};
 use lvox_formats::{MappedFile, Scatter};
 
+/// What is known of how light of emitters bends in the cells of each lattice of direct light.
+#[derive(Debug)]
+pub(super) struct Bends {
+    /// By the first vertex of a cell, whether it does.
+    pub in_cells: [Vertices<bool>; DIRECT_LEVELS],
+    /// What emitters would send to vertices.
+    pub unshadowed: [Vertices<f32>; DIRECT_LEVELS],
+}
+
+impl Bends {
+    fn new(dims: [usize; 3]) -> Self {
+        Self {
+            in_cells: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+            unshadowed: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+        }
+    }
+}
+
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume
 /// uses one.
 #[derive(Debug)]
 pub(super) struct VolumeLattices<'a> {
     /// By log2 of the voxels between vertices.
     pub direct: [Vertices<Vertex>; DIRECT_LEVELS],
+    /// Where light of emitters bends; `None` if none is near.
+    pub bends: Option<Bends>,
     /// Vertices that were lit beforehand.
     pub scattered: Option<ScatteredLight<'a>>,
     /// By log2 of the voxels between vertices.
@@ -41,6 +62,7 @@ pub(super) struct VolumeLattices<'a> {
     /// Spacings that the camera needs, of direct and of indirect light.
     pub least_direct: LeastSpacing,
     pub least_indirect: LeastSpacing,
+    pub emitters: NearEmitters,
     /// Spacings at fronts of what is opaque within few voxels; 0 elsewhere.
     pub fronts: LeastSpacing,
     /// Longest edge of a voxel, scene units.
@@ -105,6 +127,12 @@ impl<'a> VolumeLattices<'a> {
             |depth| LeastSpacing::new(view, visible, volume, &densities, depth, DIRECT_LEVELS - 1);
         let least_direct = least(MAX_DIRECT_DEPTH);
         let least_indirect = least(MAX_INDIRECT_DEPTH);
+        let has_emitters = light.lights.emitters().next().is_some();
+        let finest = match light.scattered {
+            None if has_emitters => least_direct.least(&volume.sigma_t),
+            _ => 0,
+        };
+        let emitters = NearEmitters::new(volume, light.lights.emitters(), finest);
         // Vertices that were lit beforehand stand as close there as elsewhere.
         let fronts = match light.scattered {
             None => LeastSpacing::of_fronts(view, visible, volume, &densities, volume_samples),
@@ -148,6 +176,7 @@ impl<'a> VolumeLattices<'a> {
         };
         Ok(Self {
             direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+            bends: emitters.are_any().then(|| Bends::new(dims)),
             scattered,
             indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
             seen_fronts: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
@@ -158,6 +187,7 @@ impl<'a> VolumeLattices<'a> {
             densities,
             least_direct,
             least_indirect,
+            emitters,
             fronts,
             voxel,
             shows_light_alone: is_alone && view.shows_no_voxels(visible, volume),

@@ -5,9 +5,9 @@
 //! brick of a volume has the spacing that its own density asks for: vertices of direct light stand
 //! at most an optical depth apart, those of indirect light 1.4 where it is swept, in thin bricks,
 //! and two where it is not; a camera whose pixels are wider asks for wider ones. Where vertices of
-//! a dense brick still differ much, at its rim, finer ones are asked; near a point light, and where
-//! a voxel is deep, the ray's own points. Vertices in empty space around the medium are evaluated
-//! like any other: leaving them dark would darken its rim.
+//! a dense brick still differ much, at its rim, and near emitters finer ones are asked; beside
+//! lights, and where a voxel is deep, the ray's own points. Vertices in empty space around the
+//! medium are evaluated like any other: leaving them dark would darken its rim.
 
 mod every_vertex;
 mod front;
@@ -24,6 +24,7 @@ use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, ha
 use super::far_field::AskedPoint;
 use super::gatherer::GatherInMedia;
 use super::lvoxel_light::LvoxelMemo;
+use super::occupied;
 use super::scattered::ScatteredLight;
 use super::seen_channels::SeenChannels;
 use super::sweep::{SWEPT_LEVELS, Sweep};
@@ -86,6 +87,11 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Spacings of vertices around a point light in which its light is looked for on the ray
     /// itself.
     const NEAR_LIGHT_SPACINGS: f32 = 2.0;
+    /// Emitters further away than two to this power times twice what vertices are apart are too far to
+    /// look whether their light bends.
+    const FAR_LEVELS: usize = 3;
+    /// Factor between light in the middle of a cell and what its vertices tell of it.
+    const MAX_BEND: f32 = 1.2;
     /// Vertices in thin media that are further apart than so many pixels are compared, for walls
     /// and edges of shadows that are between them.
     const WIDE_SPACING_PIXELS: f32 = 4.0;
@@ -226,6 +232,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             finest_indirect: lattices.least_indirect.of(brick),
             voxel_depth: seen_depth * voxel / (to - from).length(),
             front: lattices.fronts.of(brick),
+            levels: lattices.emitters.levels(at),
             seen: self.seen(volume, point),
         };
         memo.between = [0.0; 2];
@@ -260,7 +267,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             return through.filter(light.share * unshadowed(from, to)) + light.rest;
         }
         if segment.front > 0 {
-            return self.direct_of_points(segment, self.lights, Some(&self.suns));
+            let rays = Self::SHADOW_RAYS / 2;
+            return self.direct_of_points(segment, self.lights, Some(&self.suns), rays);
         }
         let vertex = |level: usize, v: [usize; 3]| {
             let lit = lattices
@@ -273,8 +281,14 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             })
         };
         if segment.is_thin || segment.voxel_depth <= Self::MAX_CELL_DEPTH {
-            for level in (segment.finest..=self.first_level(segment)).rev() {
+            let first = segment.levels.min(self.first_level(segment) + 1);
+            for level in (segment.finest..first).rev() {
                 let around = lattices.direct[level].around(segment.at);
+                if level + Self::FAR_LEVELS >= segment.levels
+                    && self.bends(segment.volume, level, around.vertex(0))
+                {
+                    continue;
+                }
                 let weights = &around.weights;
                 let values = memo.direct[level].values(segment.volume, &around, |v| {
                     LightVectors::of(&vertex(level, v))
@@ -306,6 +320,10 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             }
         }
         memo.between[0] = 0.0;
+        if segment.is_thin && segment.levels <= segment.finest {
+            // What hides a lamp is seldom so near to it.
+            return self.direct_of_points(segment, self.lights, Some(&self.suns), 1);
+        }
         if segment.densest <= Self::FLAT_DEPTH {
             // Many such cells are in a row, and one point of each tells enough.
             let seed = self.seed_of(segment.point);
@@ -314,7 +332,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let light = self.lit(self.lights, point, rays, Some(&self.suns), seen);
             return light.share * unshadowed(from, to) + light.rest;
         }
-        self.direct_of_points(segment, &self.sharp_lights, None)
+        self.direct_of_points(segment, &self.sharp_lights, None, Self::SHADOW_RAYS / 2)
     }
 
     /// Whether both parts of direct light differ so much between vertices that finer ones tell
@@ -327,6 +345,25 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             // Finer vertices have the same noise.
             share.ratio > Self::MAX_DIRECT_RATIO
         }
+    }
+
+    /// Whether light of emitters in the middle of a cell is not what it is between its vertices, as in
+    /// the plane of a flat lamp, which sends none along that.
+    fn bends(&self, volume: usize, level: usize, cell: [usize; 3]) -> bool {
+        let Some(bends) = &self.lattices[volume].bends else {
+            return false;
+        };
+        let unshadowed = |p| {
+            let point = self.to_scene(volume, p);
+            self.lights.unshadowed_of_emitters(point).luminance()
+        };
+        *bends.in_cells[level].get(cell, &|p, cell| {
+            let at_vertex = |v| *bends.unshadowed[level].get(v, &|p, _| unshadowed(p));
+            let count = bends.unshadowed[level].count();
+            let linear = 0.125 * occupied::around(cell, count).map(at_vertex).sum::<f32>();
+            let middle = unshadowed(p + 0.5 * (1 << level) as f32);
+            linear.max(middle) > Self::MAX_BEND * linear.min(middle)
+        })
     }
 
     /// Direct light at a vertex.

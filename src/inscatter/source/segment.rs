@@ -28,6 +28,8 @@ pub(super) struct RaySegment<K> {
     /// The finest that the camera needs of direct light, and of indirect light.
     pub finest: usize,
     pub finest_indirect: usize,
+    /// How many lattices of direct light are fine enough beside emitters.
+    pub levels: usize,
     /// The lattice of the front that it is in; 0 if it is in none.
     pub front: usize,
 }
