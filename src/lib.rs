@@ -56,9 +56,10 @@
 //!
 //! The modules are the stages and what passes between them: [`scene`] (load or make one), [`bake`],
 //! [`build`], [`bounce`] (every bounce), [`scatter`] (light of media for all cameras), [`shade`],
-//! [`tree`] and [`gather`] (open trees, light at points), [`points`] (files of points), [`image`] (read, write, merge and compare
-//! pictures), [`inspect`] (what files hold, and whether they are whole), [`pack`] (a scene as one
-//! file), [`formats`] (the files themselves), and [`run`] (what each stage gets beside its data).
+//! [`tree`] and [`gather`] (open trees, light at points), [`points`] (files of points), [`image`]
+//! (read, write, merge and compare pictures), [`inspect`] (what files hold, and whether they are
+//! whole), [`pack`] (a scene as one file), [`formats`] (the files themselves), and [`run`] (what
+//! each stage gets beside its data).
 //!
 //! | what | unit and convention |
 //! | --- | --- |

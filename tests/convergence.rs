@@ -169,7 +169,8 @@ impl<'a> Frames<'a> {
         [2, 4, 8, 16].map(relmse).into()
     }
 
-    /// Rays of a gather, and relMSE: the mean over seeds, of which one has twice the error of another.
+    /// Rays of a gather, and relMSE: the mean over seeds, of which one has twice the error of
+    /// another.
     fn by_samples(&self) -> Vec<(f64, f64)> {
         const SEEDS: u64 = 8;
         let of_seed = |samples, seed| {

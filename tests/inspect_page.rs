@@ -1,5 +1,5 @@
-//! Pages of `inspect --html`: what is in them, that they are small, the same each time and safe, and
-//! what a real browser shows of them.
+//! Pages of `inspect --html`: what is in them, that they are small, the same each time and safe,
+//! and what a real browser shows of them.
 
 mod support;
 

@@ -1,8 +1,8 @@
 //! Imports flow one way. Each module of the library may use only what the table below allows; a new
 //! module needs a row.
 //!
-//! Tests inside a file (from `#[cfg(test)]` to its end), files named `tests.rs` and those in folders
-//! named `tests` may use anything.
+//! Tests inside a file (from `#[cfg(test)]` to its end), files named `tests.rs` and those in
+//! folders named `tests` may use anything.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;

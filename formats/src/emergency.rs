@@ -19,8 +19,8 @@ const SLOTS: usize = 256;
 
 /// A place for a path and the addresses that belong to it.
 struct Slot {
-    /// Free, being filled and full are 0, 1 and 2 modulo 4: who reads the same number of a full slot
-    /// before and after has read one entry.
+    /// Free, being filled and full are 0, 1 and 2 modulo 4: who reads the same number of a full
+    /// slot before and after has read one entry.
     sequence: AtomicUsize,
     start: AtomicUsize,
     end: AtomicUsize,

@@ -25,8 +25,8 @@ pub trait Format: Sized {
     /// [`FormatError::Invalid`].
     fn check_meta(meta: &Self::Meta) -> Result<()>;
 
-    /// Refuses a summary that readers cannot rely on; writers ask this, too, so that they write none
-    /// that no reader takes.
+    /// Refuses a summary that readers cannot rely on; writers ask this, too, so that they write
+    /// none that no reader takes.
     ///
     /// # Errors
     /// [`FormatError::Invalid`].

@@ -2,8 +2,8 @@
 //! (`.lvp`). `SPEC.md` is the one statement of these formats.
 //!
 //! [`CloudWriter`], [`TreeWriter`], [`ScatterWriter`] and [`PackedWriter`] write, [`Cloud`],
-//! [`Tree`], [`Scatter`] and [`Packed`] read. Readers take any bytes; [`MappedFile`] gives those of a file. Opening is cheap (header and
-//! tables), [`Opened::verify`] reads everything.
+//! [`Tree`], [`Scatter`] and [`Packed`] read. Readers take any bytes; [`MappedFile`] gives those of
+//! a file. Opening is cheap (header and tables), [`Opened::verify`] reads everything.
 //!
 //! ```
 //! use lvox_formats::{Cloud, CloudMeta, CloudWriter, Overwrite, Surfel};
@@ -37,9 +37,9 @@
 //! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind. `media`: levels of
 //!   volumes, coded.
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
-//! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away, mapped
-//!   files, and errors. `leftover`: what a killed process left of the first two; `emergency`: what
-//!   one must know that ends at once. `text`: the one line that a message is.
+//! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away,
+//!   mapped files, and errors. `leftover`: what a killed process left of the first two;
+//!   `emergency`: what one must know that ends at once. `text`: the one line that a message is.
 
 #![deny(missing_docs, unsafe_code)]
 

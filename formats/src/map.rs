@@ -21,7 +21,8 @@ pub struct MappedFile {
 
 #[derive(Debug)]
 struct Map {
-    /// Whose bytes these are, for who handles the signal of a file that was cut; until the map ends.
+    /// Whose bytes these are, for who handles the signal of a file that was cut; until the map
+    /// ends.
     _mapped: Mapped,
     map: memmap2::Mmap,
     /// The file, and where the map ends in it.

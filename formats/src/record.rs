@@ -214,8 +214,8 @@ pub struct Lvoxel {
     /// Of its light, what has come straight from lights; `lobe` is that of the rest. In trees whose
     /// light has bounced; no share of it if all light is in one lobe.
     pub single: LightPart,
-    /// Radiance that arrives from the lvoxels of its volume, scattered any number of times: the mean
-    /// over all directions and over the block. In trees whose light has bounced; 0 if unknown.
+    /// Radiance that arrives from the lvoxels of its volume, scattered any number of times: the
+    /// mean over all directions and over the block. In trees whose light has bounced; 0 if unknown.
     pub incident: [f32; 3],
 }
 

@@ -118,8 +118,8 @@ impl BrickField {
         }))
     }
 
-    /// The mean of a block's points, weighted by the field, from the brick's first corner in voxels;
-    /// `None` if the field is 0 all over the block.
+    /// The mean of a block's points, weighted by the field, from the brick's first corner in
+    /// voxels; `None` if the field is 0 all over the block.
     pub fn centroid(&self, block: &Block) -> Option<DVec3> {
         let plain = [0, 1, 2].map(|a| weights(block.dims[a], |_| 1.0));
         let sum = self.sum(block, &plain);
@@ -149,11 +149,11 @@ impl BrickField {
     }
 }
 
-/// Weights of the samples along one axis, from the one before a row of `count` voxels on, in the sum
-/// over these of the voxels' means of the field times `factor` of the place in the row.
+/// Weights of the samples along one axis, from the one before a row of `count` voxels on, in the
+/// sum over these of the voxels' means of the field times `factor` of the place in the row.
 ///
-/// Two points a voxel tell all: between them and the knees at voxel centres and borders the field is
-/// linear.
+/// Two points a voxel tell all: between them and the knees at voxel centres and borders the field
+/// is linear.
 fn weights(count: usize, factor: impl Fn(f64) -> f64) -> [f64; EDGE] {
     let mut weights = [0.0; EDGE];
     for voxel in 0..count {

@@ -19,8 +19,8 @@ const EVEN: f64 = 0.05;
 /// Pairs of neighbours that are compared.
 const PAIRS: u64 = 4096;
 
-/// Few surfels where the direct light of neighbours differs little, else many. Light differs at edges
-/// of shadows, by shadow rays in penumbrae, and where the surface ends.
+/// Few surfels where the direct light of neighbours differs little, else many. Light differs at
+/// edges of shadows, by shadow rays in penumbrae, and where the surface ends.
 ///
 /// # Errors
 /// A stop on request.
@@ -68,8 +68,8 @@ impl Pair {
         }
     }
 
-    /// What a point at most two radii away sends, seen from the front and from the back of a surfel;
-    /// none where the surface ends.
+    /// What a point at most two radii away sends, seen from the front and from the back of a
+    /// surfel; none where the surface ends.
     fn neighbour<S: Shadows>(maker: &SurfelMaker<S>, first: &Surfel, i: u64) -> Option<[f64; 2]> {
         let key = PAIRS + i;
         let [u, v] = sampling::disk(sampling::unit2(sampling::hash(&[maker.seed, key])));

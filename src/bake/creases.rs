@@ -22,8 +22,8 @@ const END: u32 = u32::MAX;
 /// Edges or vertices between two looks at whether to stop.
 const PIECE: u32 = 1 << 16;
 
-/// For each triangle, what lies across its three edges. Instances of a mesh have the creases that it
-/// has in its own space.
+/// For each triangle, what lies across its three edges. Instances of a mesh have the creases that
+/// it has in its own space.
 #[derive(Debug)]
 pub struct Creases<'a> {
     mesh: &'a Mesh,

@@ -284,8 +284,8 @@ impl<K: Spectrum> LvoxelMaker<'_, K> {
             .unwrap_or(0)
     }
 
-    /// Rays to an environment from a voxel, for one to each area light: where little light gets out,
-    /// little of it is ever seen.
+    /// Rays to an environment from a voxel, for one to each area light: where little light gets
+    /// out, little of it is ever seen.
     fn rays_all_round(&self, voxel: [usize; 3]) -> u32 {
         /// Depths from which on one ray of two, and of four, is left.
         const DEEP: [f32; 2] = [1.5, 3.0];

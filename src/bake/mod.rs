@@ -2,8 +2,8 @@
 //!
 //! In: a scene and [`Settings`]. Out: a cloud file.
 //!
-//! - `surfels`: where surfels are on all surfaces, and the light that leaves them; `count`: how many
-//!   a scene asks for; `camera`: where the rays of a camera meet surfaces, instead.
+//! - `surfels`: where surfels are on all surfaces, and the light that leaves them; `count`: how
+//!   many a scene asks for; `camera`: where the rays of a camera meet surfaces, instead.
 //! - `creases`: where the disks of surfels end.
 //! - `lvoxels`: blocks of media, their extinction and their light; `brick`: the field that they are
 //!   means of; `cover`: how deep they lie in media.
@@ -104,8 +104,8 @@ const BATCH_BRICKS: usize = 1024;
 /// Surfels that are made between two writes.
 const BATCH_SURFELS: u64 = 65_536;
 
-/// Refuses a bake that takes more than the job's limit. Returns the bytes that it holds, which do not
-/// grow with the cloud.
+/// Refuses a bake that takes more than the job's limit. Returns the bytes that it holds, which do
+/// not grow with the cloud.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] with both sizes.
@@ -282,8 +282,8 @@ fn bake_volume<K: Spectrum>(
     Ok(())
 }
 
-/// Whether a cloud was baked with these settings from a scene that is this one in all that matters to
-/// a bake: cameras, film and names may be others.
+/// Whether a cloud was baked with these settings from a scene that is this one in all that matters
+/// to a bake: cameras, film and names may be others.
 ///
 /// # Errors
 /// A file that is no whole cloud, or an unknown camera.

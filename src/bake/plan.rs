@@ -27,8 +27,8 @@ const BRICK_SPANS: u64 = 256;
 const SPAN_BRICKS: u64 = 8;
 /// Where points take long, a pilot ends after this time, each kind for itself.
 const LONG: Duration = Duration::from_secs(1);
-/// But not before it has looked at a few spans of surfels, and of bricks, which are all in work at a
-/// time: threads that wait take CPU seconds, too.
+/// But not before it has looked at a few spans of surfels, and of bricks, which are all in work at
+/// a time: threads that wait take CPU seconds, too.
 const SPANS_AT_A_TIME: usize = 4;
 const BRICK_SPANS_AT_A_TIME: usize = 16;
 /// A bake of fewer points begins without a look at the disk: it takes less than a gigabyte.

@@ -17,8 +17,8 @@ pub struct Blocks {
     pub albedo: [f32; 3],
     /// By block, where it varies.
     albedos: Vec<Light>,
-    /// The mean cosine of the phase function that its medium had before it was made to scatter alike
-    /// in all directions.
+    /// The mean cosine of the phase function that its medium had before it was made to scatter
+    /// alike in all directions.
     mean_cosine: f32,
     /// By block: extinction per scene unit, of the channel that has most of it.
     pub sigma_t: Vec<f32>,
@@ -77,8 +77,8 @@ impl Blocks {
         }
     }
 
-    /// The same with the medium that scatters alike in all directions, and spreads light as one does
-    /// whose phase function has this mean cosine (similarity, van de Hulst 1980).
+    /// The same with the medium that scatters alike in all directions, and spreads light as one
+    /// does whose phase function has this mean cosine (similarity, van de Hulst 1980).
     pub fn spreading(mut self, mean_cosine: f32) -> Self {
         let most = self.albedo.into_iter().fold(0.0, f32::max);
         self.scale = 1.0 - most * mean_cosine;

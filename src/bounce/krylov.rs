@@ -1,5 +1,5 @@
-//! Linear systems whose matrix is only known by what it makes of a vector, and is symmetric once its
-//! rows are weighted: conjugate gradients (Hestenes & Stiefel 1952), each channel by itself.
+//! Linear systems whose matrix is only known by what it makes of a vector, and is symmetric once
+//! its rows are weighted: conjugate gradients (Hestenes & Stiefel 1952), each channel by itself.
 
 use super::light::{Light, Share};
 use crate::Result;

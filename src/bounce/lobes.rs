@@ -1,8 +1,8 @@
 //! Light that leaves blocks in lobes, in a medium that scatters by a phase function.
 //!
 //! Light that scatters often spreads as in a thinner medium that scatters alike in all directions
-//! (similarity, van de Hulst 1980), which [`Blocks::spreading`] makes of blocks. Of direct light the
-//! first flight is along its lobes; what arrives in the end has a mean direction, and what is
+//! (similarity, van de Hulst 1980), which [`Blocks::spreading`] makes of blocks. Of direct light
+//! the first flight is along its lobes; what arrives in the end has a mean direction, and what is
 //! scattered of it a lobe around that.
 
 use super::blocks::Blocks;

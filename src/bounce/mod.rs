@@ -4,8 +4,9 @@
 //! from lights, so that a picture has one bounce. Here light is gathered at few receivers, the rays
 //! of which are kept as links from one receiver to the next, over which further bounces go without
 //! another ray. What arrives after all of them is reflected by the surfels of a new tree. Media
-//! scatter every order of light, too, as means over their lvoxels. Volumes on one grid are one medium.
-//! Others light each other by way of surfaces alone, and what surfaces send to one passes no other.
+//! scatter every order of light, too, as means over their lvoxels. Volumes on one grid are one
+//! medium. Others light each other by way of surfaces alone, and what surfaces send to one passes
+//! no other.
 //!
 //! | file | what it does |
 //! | --- | --- |
@@ -84,8 +85,8 @@ use walls::Walls;
 /// meet, rounding hides some of them.
 const MOST_LOST: f64 = 1e-3;
 
-/// Share of the light that surfaces keep from one bounce to the next, from which on that is told: what is
-/// off by a hundredth each time is off by a fifth in all.
+/// Share of the light that surfaces keep from one bounce to the next, from which on that is told:
+/// what is off by a hundredth each time is off by a fifth in all.
 const MOST_KEPT: f64 = 0.95;
 
 /// Writes a tree that sends the light of all bounces, or of so many.

@@ -1,5 +1,5 @@
-//! Places on surfaces by where they are: those nearest to a point, of the side of each that faces as
-//! it does (a k-d tree, Bentley 1975).
+//! Places on surfaces by where they are: those nearest to a point, of the side of each that faces
+//! as it does (a k-d tree, Bentley 1975).
 
 use arrayvec::ArrayVec;
 use glam::Vec3;
@@ -48,7 +48,8 @@ impl Places {
         Self(places)
     }
 
-    /// The nearest to a point, the side of each that faces as it does, nearest first, at most so many.
+    /// The nearest to a point, the side of each that faces as it does, nearest first, at most so
+    /// many.
     pub fn nearest<const MOST: usize>(&self, point: Vec3, normal: Vec3) -> ArrayVec<u32, MOST> {
         let mut nearest = Nearest::<MOST> {
             point,

@@ -273,8 +273,8 @@ impl<M: Medium<Share: Share>> ReceiverMaker<'_, M> {
         })
     }
 
-    /// Finds what the rays of a receiver meet, and what media send along them; returns the surfaces,
-    /// and the harmonic distance to all that.
+    /// Finds what the rays of a receiver meet, and what media send along them; returns the
+    /// surfaces, and the harmonic distance to all that.
     fn look(&self, receiver: &mut Receiver) -> (Vec<Met<M::Share>>, f32) {
         let rays: Vec<Ray> = receiver.rays().collect();
         let mut hits = vec![None; rays.len()];

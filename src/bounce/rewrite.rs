@@ -28,7 +28,8 @@ pub struct NewLight<'a> {
     pub runs: &'a [Vec<LitRun>],
     /// By volume: the sources of its lvoxels in the order of pages; none if they stay as they are.
     pub sources: &'a [Vec<Light>],
-    /// By volume: the lobes in which their light leaves; none if it does so alike in all directions.
+    /// By volume: the lobes in which their light leaves; none if it does so alike in all
+    /// directions.
     pub lobes: &'a [Vec<TwoLobes>],
     /// By lvoxel of the only volume: what the others send to it; none if that is not told.
     pub incident: &'a [Light],

@@ -75,8 +75,8 @@ impl SharedGrid {
         }
     }
 
-    /// By volume, its number and what its blocks send where such light arrives in those of the medium,
-    /// as means over the sphere.
+    /// By volume, its number and what its blocks send where such light arrives in those of the
+    /// medium, as means over the sphere.
     pub fn sources<'a>(
         &'a self,
         incident: &'a [Light],
@@ -155,8 +155,8 @@ fn together(info: &VolumeInfo, members: &[Member]) -> (Blocks, Vec<Light>) {
     (blocks.with_albedos(albedos), direct)
 }
 
-/// Level of the blocks of a brick: the finest by which a half of it is filled, so that they are no more
-/// than twice as many as those of the members, or else the coarsest.
+/// Level of the blocks of a brick: the finest by which a half of it is filled, so that they are no
+/// more than twice as many as those of the members, or else the coarsest.
 fn level_of(brick: [u32; 3], members: &[Member]) -> u8 {
     let (mut finest, mut coarsest) = (None, 0);
     for Member { blocks, .. } in members {

@@ -34,8 +34,8 @@ pub struct Solution {
     pub passes: u32,
     /// Share of all light that the bounces which were left out would add, at most.
     pub residual: f64,
-    /// Share of the light of a bounce that the next one has, at last; 0 where a number of them was asked
-    /// for.
+    /// Share of the light of a bounce that the next one has, at last; 0 where a number of them was
+    /// asked for.
     pub kept: f64,
 }
 
@@ -43,8 +43,8 @@ pub struct Solution {
 const TOLERANCE: f64 = 1e-4;
 /// Bounces after which light that still does not fade is taken to stay for ever.
 const MOST: u32 = 10_000;
-/// Bounces from which on those that are left are told together, once each is a fixed part of the one
-/// before: to this share of what they fade by.
+/// Bounces from which on those that are left are told together, once each is a fixed part of the
+/// one before: to this share of what they fade by.
 const STEADY_FROM: u32 = 200;
 const STEADY: f64 = 1e-3;
 /// Residual of media over what their light is made of.

@@ -11,8 +11,8 @@ pub const SAME: f32 = 0.9;
 /// Finds the surface of the scene that a surfel stands on, facing as it does; `None` if there is
 /// none that near, as for a tree of another scene.
 ///
-/// Surfaces that cross it there are passed, and masks are not asked: the surfel says that its own is
-/// there, and files round places.
+/// Surfaces that cross it there are passed, and masks are not asked: the surfel says that its own
+/// is there, and files round places.
 pub fn surface_below(tracer: &Tracer, surfel: &Surfel) -> Option<Surface> {
     /// Heights from which it is looked for, over the radius: files round places, and surfels of a
     /// camera stand where its rays ended. What stands on the surface is to be below the lower one.

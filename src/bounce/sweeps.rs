@@ -343,7 +343,8 @@ impl<K: Share> Taken<K> {
     }
 }
 
-/// The mean light in a block that sends this, keeps this share of it, and took the light in all sums.
+/// The mean light in a block that sends this, keeps this share of it, and took the light in all
+/// sums.
 fn mean_of<K: Share>(sent: Light, kept: K, depth: K, sums: &[Vec<Light>], block: usize) -> Light {
     if depth.most() > 0.0 {
         let taken: Light = sums.iter().map(|sums| sums[block]).sum();

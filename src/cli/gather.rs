@@ -32,8 +32,8 @@ pub struct Args {
     #[arg(value_name = "POINTS")]
     points: PathBuf,
 
-    /// Write to this file. A .ply has what the points have, and further properties; a .npy has N x C
-    /// of float32, in this order: irradiance_r, _g, _b (mean_radiance_r, … over the sphere),
+    /// Write to this file. A .ply has what the points have, and further properties; a .npy has N x
+    /// C of float32, in this order: irradiance_r, _g, _b (mean_radiance_r, … over the sphere),
     /// occlusion and distance if asked for
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,

@@ -12,9 +12,9 @@ use std::path::PathBuf;
 /// A cloud has no lights, media or triangles of its own: gather from its tree with the cone kernel.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Import these points, in world space: a PLY file with `x y z`, `nx ny nz`, `radius` or `area`,
-    /// and the radiance that leaves the front (W/m2/sr, linear Rec.709) as `r g b` or
-    /// `red green blue` in floats; bytes are taken as sRGB. The back sends nothing
+    /// Import these points, in world space: a PLY file with `x y z`, `nx ny nz`, `radius` or
+    /// `area`, and the radiance that leaves the front (W/m2/sr, linear Rec.709) as `r g b` or `red
+    /// green blue` in floats; bytes are taken as sRGB. The back sends nothing
     #[arg(value_name = "POINTS")]
     points: PathBuf,
 

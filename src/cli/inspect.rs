@@ -30,9 +30,8 @@ use std::path::{Path, PathBuf};
 /// worst errors of quantisation. Kept samples are read and checked as a whole.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Read this file: a scene (.toml .xml .gltf .glb), a mesh (.obj .ply .stl), a volume (.vdb .nrrd
-    /// .nhdr .nii .nii.gz .mhd .mha .vol),
-    /// or .lvc .lvt .lvs .lvp .exr .exr.sums
+    /// Read this file: a scene (.toml .xml .gltf .glb), a mesh (.obj .ply .stl), a volume (.vdb
+    /// .nrrd .nhdr .nii .nii.gz .mhd .mha .vol), or .lvc .lvt .lvs .lvp .exr .exr.sums
     file: PathBuf,
 
     /// Print one JSON object
@@ -47,8 +46,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["points", "html"])]
     export: Option<PathBuf>,
 
-    /// Write a page for a browser instead, which needs no network: all of this as tables; of a cloud
-    /// or tree a view to turn, a map of its pages and histograms; of an image its layers
+    /// Write a page for a browser instead, which needs no network: all of this as tables; of a
+    /// cloud or tree a view to turn, a map of its pages and histograms; of an image its layers
     #[arg(long, value_name = "FILE", conflicts_with = "json")]
     html: Option<PathBuf>,
 
@@ -64,7 +63,8 @@ pub struct Args {
 const KINDS: &str =
     "a scene, a mesh or a volume file, or a .lvc, .lvt, .lvs, .lvp, .exr or .exr.sums file";
 
-/// Whether a file is a cloud, a tree, scattered light or a packed scene by its first bytes, whatever its name.
+/// Whether a file is a cloud, a tree, scattered light or a packed scene by its first bytes,
+/// whatever its name.
 fn is_ours(path: &Path) -> bool {
     let mut start = Vec::new();
     let read = File::open(path).and_then(|file| file.take(12).read_to_end(&mut start));

@@ -18,13 +18,13 @@ pub struct Args {
     #[arg(value_name = "TILE", required = true)]
     tiles: Vec<PathBuf>,
 
-    /// Write the frame to this .exr file, or as an array of float32 to this .npy file, or as a .png;
-    /// one that is there is replaced
+    /// Write the frame to this .exr file, or as an array of float32 to this .npy file, or as a
+    /// .png; one that is there is replaced
     #[arg(short, long, value_name = "FILE", required_unless_present = "missing")]
     output: Option<PathBuf>,
 
-    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty of
-    /// the frame brighter than white (auto) [default: the exposure of the scene's film]
+    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty
+    /// of the frame brighter than white (auto) [default: the exposure of the scene's film]
     #[arg(long, value_name = "E|auto", value_parser = parse::exposure, conflicts_with = "missing")]
     exposure: Option<Exposure>,
 

@@ -31,8 +31,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME=FACTOR", value_parser = parse::group_scale)]
     group_scale: Vec<GroupScale>,
 
-    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty of
-    /// the frame brighter than white (auto) [default: the exposure of the scene's film]
+    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty
+    /// of the frame brighter than white (auto) [default: the exposure of the scene's film]
     #[arg(long, value_name = "E|auto", value_parser = parse::exposure)]
     exposure: Option<Exposure>,
 

@@ -3,8 +3,8 @@
 //! What several verbs take stands in `*_options` and `scene_input`; `options` resolves what all of
 //! them take into a `Context`, `files` checks what they read and write before the work, `parse`
 //! reads values, `frames` and `kept` run a verb for several frames, `out_of_date` tells of files of
-//! another scene, `progress`, `output` and `times` talk; `last_words` are said where no error can be
-//! returned.
+//! another scene, `progress`, `output` and `times` talk; `last_words` are said where no error can
+//! be returned.
 //!
 //! A new verb is a file with `Args`, `files` and `run`, a variant of `Verb`, and a line in
 //! `Verb::files` and `Verb::run`.

@@ -29,8 +29,8 @@ pub struct Plan {
     reads: Vec<PlannedFile>,
     /// Files that it would write, with what is there now.
     writes: Vec<PlannedFile>,
-    /// Bytes of memory that it would hold at least: without a memory limit, pages of the tree that it meets
-    /// come on top.
+    /// Bytes of memory that it would hold at least: without a memory limit, pages of the tree that
+    /// it meets come on top.
     memory_bytes: u64,
     /// What there is to be done, each with the unit that its name says.
     work: Vec<(&'static str, u64)>,
@@ -79,7 +79,8 @@ impl Plan {
         }
     }
 
-    /// And what a scene brings: the files that it names, its triangles, and about how many voxels are not empty.
+    /// And what a scene brings: the files that it names, its triangles, and about how many voxels
+    /// are not empty.
     #[must_use]
     pub fn with_scene(mut self, scene: &Scene) -> Self {
         for path in &scene.files {

@@ -24,8 +24,8 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneInput,
 
-    /// Write the image to this .exr file, or as an array of float32 (rows, columns; R G B, and their
-    /// variance) to this .npy file
+    /// Write the image to this .exr file, or as an array of float32 (rows, columns; R G B, and
+    /// their variance) to this .npy file
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 

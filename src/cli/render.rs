@@ -179,8 +179,8 @@ impl Args {
         }
     }
 
-    /// The tree that is wanted: that of the frame before, one that is kept from an earlier run, or a
-    /// new one.
+    /// The tree that is wanted: that of the frame before, one that is kept from an earlier run, or
+    /// a new one.
     fn tree(
         &self,
         scene: &Scene,

@@ -196,7 +196,8 @@ impl SceneInput {
         input
     }
 
-    /// The file of the tree that a verb takes in a frame: the one that is named, or the packed scene.
+    /// The file of the tree that a verb takes in a frame: the one that is named, or the packed
+    /// scene.
     ///
     /// # Errors
     /// If there is neither, or a scene file that cannot be read.

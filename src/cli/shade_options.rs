@@ -32,9 +32,9 @@ pub struct ShadeOptions {
     #[command(flatten)]
     region: RegionOptions,
 
-    /// Add these layers to an .exr or .npy image. depth is the least distance along the camera's axis
-    /// (1e10 on the background) and position the point of it; distance is the mean along the rays;
-    /// albedo and normal are what denoisers take
+    /// Add these layers to an .exr or .npy image. depth is the least distance along the camera's
+    /// axis (1e10 on the background) and position the point of it; distance is the mean along the
+    /// rays; albedo and normal are what denoisers take
     #[arg(long, value_name = "LAYER", value_delimiter = ',', value_parser = parse::one_of(&Aov::ALL))]
     aov: Vec<Aov>,
 
@@ -43,8 +43,8 @@ pub struct ShadeOptions {
     #[arg(long)]
     alpha: bool,
 
-    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty of
-    /// the whole frame brighter than white (auto) [default: the exposure of the scene's film]
+    /// Look at a .png with this factor on radiance, or with one that makes one lit pixel in fifty
+    /// of the whole frame brighter than white (auto) [default: the exposure of the scene's film]
     #[arg(long, value_name = "E|auto", value_parser = parse::exposure)]
     exposure: Option<Exposure>,
 

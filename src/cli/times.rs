@@ -2,8 +2,8 @@
 
 use super::options::Context;
 
-/// Says what the last stage of a frame took, and what it took with those before it that are named; nothing of
-/// stages that did not run.
+/// Says what the last stage of a frame took, and what it took with those before it that are named;
+/// nothing of stages that did not run.
 pub fn say(context: &Context, last: &str, before: &[&str]) {
     let job = &context.job;
     let stages = job.report.stages().split_off(context.first_stage);

@@ -91,7 +91,8 @@ pub struct Gathered {
     /// Harmonic mean of the distance to what was seen, or twice that by the light that comes from
     /// there where this is less: how far away light changes; infinite if nothing was seen.
     pub harmonic_distance: f32,
-    /// Mean of the directions of rays, each over the distance of what it met: points to what is near.
+    /// Mean of the directions of rays, each over the distance of what it met: points to what is
+    /// near.
     pub toward: Vec3,
 }
 
@@ -173,9 +174,9 @@ impl IncidentSum {
         self.rays += 1;
     }
 
-    /// Returns the irradiance of a surface, the mean over `count` rays that are spread by the cosine
-    /// to its normal. Of an environment that differs by direction rays tell the share that is not
-    /// hidden, so that it has no noise where nothing hides it.
+    /// Returns the irradiance of a surface, the mean over `count` rays that are spread by the
+    /// cosine to its normal. Of an environment that differs by direction rays tell the share that
+    /// is not hidden, so that it has no noise where nothing hides it.
     pub fn irradiance(self, count: u32, normal: Vec3, environment: &Environment) -> Gathered {
         /// Few rays may have missed what is bright.
         const MOST: f32 = 4.0;

@@ -152,7 +152,8 @@ impl<M: Medium> Gatherer<'_, M> {
 
     /// Gathers for each of some points near each other what [`Self::irradiance`] does, and what
     /// surfaces cover. All share the sequence of `seed`; of points that have one range each looks
-    /// along the same directions of its hemisphere. What a point gets does not depend on the others.
+    /// along the same directions of its hemisphere. What a point gets does not depend on the
+    /// others.
     ///
     /// # Panics
     /// As [`Self::irradiance_at_neighbours`].

@@ -196,8 +196,8 @@ impl<'a> PatchRadiance<'a> {
             patches,
             unknown,
             bright: self.bright.as_ref().map_or(0, |b| b.len() as u64),
-            // Where other processes have filled the cache, the few patches that are new to it stand for
-            // nothing.
+            // Where other processes have filled the cache, the few patches that are new to it stand
+            // for nothing.
             misses_surfels: unknown as f64 > Self::APPRECIABLE * patches as f64
                 && 2 * patches >= self.cache.entries(),
         }

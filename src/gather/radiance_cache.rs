@@ -51,8 +51,8 @@ impl RadianceCache {
     }
 
     /// A table in a file that processes share, which all enter the same radiance under one key;
-    /// `identity` says what that radiance depends on. Entries check themselves: what a torn write or
-    /// a damaged file leaves is no entry of any key.
+    /// `identity` says what that radiance depends on. Entries check themselves: what a torn write
+    /// or a damaged file leaves is no entry of any key.
     ///
     /// # Errors
     /// As [`AtomicLines::in_file`].

@@ -6,9 +6,9 @@ use crate::{Error, Result};
 use serde_json::Value;
 use std::path::Path;
 
-/// Reads linear RGB from an OpenEXR, a PNG or a NumPy file; which it is, its first bytes say. Eight-bit
-/// values are taken through the inverse of the tone map at `exposure`. The layer `""` is the
-/// beauty, the only one that a PNG file has. `None` for the region means the whole frame.
+/// Reads linear RGB from an OpenEXR, a PNG or a NumPy file; which it is, its first bytes say.
+/// Eight-bit values are taken through the inverse of the tone map at `exposure`. The layer `""` is
+/// the beauty, the only one that a PNG file has. `None` for the region means the whole frame.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] if the file cannot be read, has no colour in that layer, or does not

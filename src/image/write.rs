@@ -7,9 +7,9 @@ use crate::Result;
 use crate::run::Job;
 use std::path::Path;
 
-/// Writes a frame as the name of the file asks for: OpenEXR of this precision, an array of NumPy, or
-/// a PNG with the exposure that is given, or that of the scene's film if the frame tells it, or 1.
-/// Samples that 16-bit floats do not hold are a warning.
+/// Writes a frame as the name of the file asks for: OpenEXR of this precision, an array of NumPy,
+/// or a PNG with the exposure that is given, or that of the scene's film if the frame tells it, or
+/// 1. Samples that 16-bit floats do not hold are a warning.
 ///
 /// # Errors
 /// A name of no kind of image, and what writing can give.

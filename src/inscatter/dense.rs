@@ -10,9 +10,9 @@ use crate::math::{PhaseFunction, Ray, Rgb, SeenPhase, Spectrum, sampling};
 use crate::scene::Volume;
 use glam::Vec3;
 
-/// Light from surfaces and media that is scattered along a ray, or its mean over the sphere: along each ray one point of the media
-/// is lit for all of them, chosen by the share of the ray's light that comes from there, and the
-/// surface behind is seen through what they leave.
+/// Light from surfaces and media that is scattered along a ray, or its mean over the sphere: along
+/// each ray one point of the media is lit for all of them, chosen by the share of the ray's light
+/// that comes from there, and the surface behind is seen through what they leave.
 pub fn mean_radiance<G: GatherInMedia>(
     volumes: &[Volume],
     lights: &Lights<SceneMedia<G::Share>>,
@@ -92,8 +92,8 @@ pub fn mean_radiance<G: GatherInMedia>(
     sum * (1.0 / count as f32)
 }
 
-/// Weight of the light at a share of a segment, over the chance with which the channel of the largest
-/// depths chooses it: what is taken on the whole way if all channels are one.
+/// Weight of the light at a share of a segment, over the chance with which the channel of the
+/// largest depths chooses it: what is taken on the whole way if all channels are one.
 fn weight_of<K: Spectrum>(s: &Segment<K>, share: f32, passed: &[Segment<K>], taken: K) -> K {
     if K::IS_GREY {
         return taken;

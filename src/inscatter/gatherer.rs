@@ -17,8 +17,8 @@ pub trait GatherInMedia: Sync {
     /// Rays, limits and kernel of the gathers.
     fn settings(&self) -> &RaySettings<'_>;
 
-    /// Mean over the sphere of the radiance at a point of a medium, or what of it is scattered along
-    /// a ray.
+    /// Mean over the sphere of the radiance at a point of a medium, or what of it is scattered
+    /// along a ray.
     fn scattered(&self, point: Vec3, range: SampleRange, seen: Option<SeenPhase>) -> Gathered;
 
     /// Radiance that surfaces alone send along a ray, as if there were no media.

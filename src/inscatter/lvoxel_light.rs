@@ -1,7 +1,8 @@
 //! Light that the lvoxels of a medium send each other, between their middles.
 //!
-//! A tree whose light has bounced tells what arrives in each lvoxel: a mean over it, which says more
-//! of the light near a hard edge than any point does. Vertices stand at the corners of lvoxels.
+//! A tree whose light has bounced tells what arrives in each lvoxel: a mean over it, which says
+//! more of the light near a hard edge than any point does. Vertices stand at the corners of
+//! lvoxels.
 
 use super::vertices::{CellCache, Vertices, blend};
 use crate::math::Rgb;
@@ -39,8 +40,8 @@ impl<'a> LvoxelLight<'a> {
         }
     }
 
-    /// Mean over the sphere of the radiance that arrives from lvoxels at a point of the scene, and scene
-    /// units between the vertices that it is found between.
+    /// Mean over the sphere of the radiance that arrives from lvoxels at a point of the scene, and
+    /// scene units between the vertices that it is found between.
     pub fn at(&self, point: Vec3, memo: &mut LvoxelMemo) -> (Rgb, f32) {
         let p = self.grid.in_index(point);
         let level = self.level(p);

@@ -6,9 +6,9 @@ use crate::run::{Job, memory, size};
 use crate::scene::{Scene, Volume};
 use crate::view::VisibleMedia;
 
-/// Bytes that rays which are kept to suns and vertices that are lit take, about: those of sweeps are
-/// told for themselves. `shows_no_voxels` says of a volume whether its single voxels are too small to
-/// matter.
+/// Bytes that rays which are kept to suns and vertices that are lit take, about: those of sweeps
+/// are told for themselves. `shows_no_voxels` says of a volume whether its single voxels are too
+/// small to matter.
 pub fn bytes_for(scene: &Scene, shows_no_voxels: impl Fn(&Volume) -> bool) -> u64 {
     SunDepths::bytes_for(scene, shows_no_voxels)
 }
@@ -43,8 +43,8 @@ pub fn check_sweep(
     })
 }
 
-/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit leaves
-/// beside what a stage holds.
+/// Refuses light that a volume scatters, to be made beforehand, if it takes more than a limit
+/// leaves beside what a stage holds.
 ///
 /// # Errors
 /// Says what it takes, and how to do with less.

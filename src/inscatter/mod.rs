@@ -63,8 +63,8 @@ use crate::tree::IncidentGrid;
 const SOLID_ANGLE_OVER_SURFACES: f32 = 4.0;
 
 /// What the lvoxels of a tree tell of the light that they send each other, where that is all light
-/// of media: of one medium, as far as rays go, that scatters alike in all directions. Comes with the
-/// media to gather from, which then send no light.
+/// of media: of one medium, as far as rays go, that scatters alike in all directions. Comes with
+/// the media to gather from, which then send no light.
 #[must_use]
 pub fn known_incident<'a, M: Medium>(
     media: &'a M,

@@ -41,8 +41,8 @@ const BLOCK_VOXELS: usize = BLOCK_EDGE * BLOCK_EDGE * BLOCK_EDGE;
 /// All lattices serve what is further away.
 const FAR: u8 = u8::MAX;
 
-/// Cells so near to one that an emitter touches are too large: up to two away, but for corners. Where
-/// none are finer, one away: rays' own points cost more than vertices.
+/// Cells so near to one that an emitter touches are too large: up to two away, but for corners.
+/// Where none are finer, one away: rays' own points cost more than vertices.
 const REACH: i32 = 2;
 const REACH_SQUARED: i32 = 5;
 const FINEST_REACH_SQUARED: i32 = 3;

@@ -214,7 +214,8 @@ pub fn check_volumes(found: &[VolumeInfo], scene: &Scene) -> Result<()> {
     )))
 }
 
-/// Refuses a tree of grey media for a scene whose media have colour: kernels are chosen by the tree.
+/// Refuses a tree of grey media for a scene whose media have colour: kernels are chosen by the
+/// tree.
 ///
 /// # Errors
 /// Says so.

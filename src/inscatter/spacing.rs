@@ -51,8 +51,8 @@ impl LeastSpacing {
     }
 
     /// Spacings for a camera by pixels alone, in bricks so deep that it sees no more than their
-    /// fronts, and around those, where pixels are wider than voxels; 0 elsewhere. More gather rays of
-    /// a vertex ask for vertices that are as much closer.
+    /// fronts, and around those, where pixels are wider than voxels; 0 elsewhere. More gather rays
+    /// of a vertex ask for vertices that are as much closer.
     pub fn of_fronts(
         view: &View,
         visible: VisibleMedia,
@@ -68,7 +68,8 @@ impl LeastSpacing {
         let dims = grid.brick_dims();
         let closer = (Self::FRONT_SAMPLES / samples as f32).sqrt().min(1.0);
         let is_deep = |b: [usize; 3]| densities.of(b) * voxel >= Self::FRONT_DEPTH;
-        // With the rim around: few vertices would be swept there, by rays through all of the volume.
+        // With the rim around: few vertices would be swept there, by rays through all of the
+        // volume.
         let is_near = |b: [usize; 3]| {
             let around = |i| {
                 let beside = unflatten(i, [3; 3]);

@@ -1,10 +1,10 @@
-//! What is in a cloud, a tree, scattered light, a packed scene or a scene, for people and for scripts: descriptions,
-//! first points, PLY for viewers, and the complete check of a file.
+//! What is in a cloud, a tree, scattered light, a packed scene or a scene, for people and for
+//! scripts: descriptions, first points, PLY for viewers, and the complete check of a file.
 //!
 //! In: the path of a file. Out: values that print as text and serialise as JSON.
 //!
-//! - `describe`: a cloud or a tree; `scatter`: scattered light; `packed`: a packed scene; `samples`:
-//!   samples of a reference.
+//! - `describe`: a cloud or a tree; `scatter`: scattered light; `packed`: a packed scene;
+//!   `samples`: samples of a reference.
 //! - `scene`: scene, mesh and volume files, read as for rendering.
 //! - `points`: the first points; `ply`: all points, for viewers.
 //! - `page`: one page of HTML to look into a file with.

@@ -66,9 +66,9 @@ impl Check {
     }
 }
 
-/// Reads all of a cloud, a tree, scattered light, a packed scene or kept samples: every checksum and every value;
-/// and for a tree, that count, area, flux and optical depth are those of the cloud within the
-/// bounds of the format, at every depth.
+/// Reads all of a cloud, a tree, scattered light, a packed scene or kept samples: every checksum
+/// and every value; and for a tree, that count, area, flux and optical depth are those of the cloud
+/// within the bounds of the format, at every depth.
 ///
 /// # Errors
 /// Wrong input, for the first damage found; a job that is cancelled. What is not conserved is in

@@ -111,7 +111,8 @@ impl<'a> BakedDepth<'a> {
         self.dark < f32::INFINITY && self.is_beyond(point, self.dark)
     }
 
-    /// Optical depth from a point to the sun; where next to no light gets, any that is about as deep.
+    /// Optical depth from a point to the sun; where next to no light gets, any that is about as
+    /// deep.
     #[must_use]
     pub fn at(&self, point: Vec3) -> f32 {
         let Some(kept) = &self.kept else {

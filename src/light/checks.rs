@@ -119,8 +119,8 @@ impl Checks {
         Self(all.collect())
     }
 
-    /// Rays to a light in a direction through the coarsest level that is near enough; `None` if none
-    /// is.
+    /// Rays to a light in a direction through the coarsest level that is near enough; `None` if
+    /// none is.
     ///
     /// # Errors
     /// That of `go_on`.

@@ -177,8 +177,8 @@ impl DirectLight {
         Some(mean)
     }
 
-    /// All direct light, by the sums of rays of points near each other: to lamps and suns, and to the
-    /// excess of an environment image. The second number is what comes from that.
+    /// All direct light, by the sums of rays of points near each other: to lamps and suns, and to
+    /// the excess of an environment image. The second number is what comes from that.
     #[must_use]
     pub fn arriving(&self, lamps: &ShadowRatio, sky: &ShadowRatio) -> [Rgb; 2] {
         let light = self.delta + lamps.of(self.unshadowed);

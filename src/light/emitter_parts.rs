@@ -1,6 +1,6 @@
-//! Emissive triangles with a texture, cut into parts that each send the mean of the texture over them:
-//! many where the texture differs from place to place and that is much of the scene's light, one where it
-//! is even, none where it is black.
+//! Emissive triangles with a texture, cut into parts that each send the mean of the texture over
+//! them: many where the texture differs from place to place and that is much of the scene's light,
+//! one where it is even, none where it is black.
 
 use super::emitter::Emitter;
 use crate::math::Rgb;

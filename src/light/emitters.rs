@@ -1,5 +1,5 @@
-//! The emissive triangles of a scene, with a texture in parts: their unshadowed light at a point, and
-//! shadow rays chosen by that. Few are all looked at; a tree stands for many.
+//! The emissive triangles of a scene, with a texture in parts: their unshadowed light at a point,
+//! and shadow rays chosen by that. Few are all looked at; a tree stands for many.
 
 use super::direct::DirectLight;
 use super::emitter::Emitter;
@@ -39,8 +39,8 @@ impl Emitters {
         Self { all, tree }
     }
 
-    /// How exactly light has to be known: the parts of few surfaces send what so many triangles would,
-    /// of which neighbours differ little.
+    /// How exactly light has to be known: the parts of few surfaces send what so many triangles
+    /// would, of which neighbours differ little.
     fn tolerance(&self, asked: CutTolerance) -> CutTolerance {
         let surfaces = self.all.last().map_or(0, |e| e.surface as usize + 1);
         match asked.estimator {

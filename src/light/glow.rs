@@ -259,8 +259,9 @@ fn add(nodes: &mut Vec<Node>, blocks: &mut [EmissiveBlock], together: usize) {
     add(nodes, upper, together);
 }
 
-/// Response of a receiver to an even ball that sends 1 in all, with nothing between: irradiance of a
-/// surface, or the integral of radiance over the sphere, by the phase function where there is one.
+/// Response of a receiver to an even ball that sends 1 in all, with nothing between: irradiance of
+/// a surface, or the integral of radiance over the sphere, by the phase function where there is
+/// one.
 fn response(ball: &EmissiveBlock, origin: Vec3, receiver: impl Receiver) -> f32 {
     let to_ball = ball.centre - origin;
     let distance = to_ball.length();
@@ -297,8 +298,8 @@ fn fluence(distance: f32, radius: f32) -> f32 {
     0.75 * (2.0 + beside) / (radius * radius)
 }
 
-/// Irradiance by such a ball of a surface whose normal has a cosine to its middle: that of all of it
-/// where all is before the surface, and nearly that where it is cut.
+/// Irradiance by such a ball of a surface whose normal has a cosine to its middle: that of all of
+/// it where all is before the surface, and nearly that where it is cut.
 fn irradiance(distance: f32, radius: f32, cos: f32) -> f32 {
     /// In the middle of a ball half of it is before any surface.
     const IN_MIDDLE: f32 = 0.75;

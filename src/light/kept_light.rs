@@ -26,8 +26,8 @@ pub struct KeptLight<'a> {
 }
 
 impl<'a> KeptLight<'a> {
-    /// Cells that the rays of all suns pass in all volumes, at most: half as many as voxels that are
-    /// not empty, between these.
+    /// Cells that the rays of all suns pass in all volumes, at most: half as many as voxels that
+    /// are not empty, between these.
     const CELLS: [usize; 2] = [1 << 22, 1 << 24];
     /// Points of all volumes together at which the depths towards all suns are checked.
     const SUN_CHECKS: usize = 1024;

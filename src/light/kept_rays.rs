@@ -117,10 +117,10 @@ impl KeptRays {
         self.depths[(j as usize * (self.layers + 1) + plane) * width + i as usize]
     }
 
-    /// Adds what comes through, of a channel whose extinction is `color` times that of the volume, to
-    /// the corners of the volume's cells: plane after plane, in rows along the second axis of the
-    /// lattice, each times a weight of its plane, row and place in that. `across` is how many cells
-    /// there are along both axes.
+    /// Adds what comes through, of a channel whose extinction is `color` times that of the volume,
+    /// to the corners of the volume's cells: plane after plane, in rows along the second axis of
+    /// the lattice, each times a weight of its plane, row and place in that. `across` is how many
+    /// cells there are along both axes.
     pub fn add_to_corners(
         &self,
         across: [usize; 2],

@@ -399,8 +399,8 @@ impl<'a, S: Shadows> Lights<'a, S> {
         }
     }
 
-    /// Sums over the lights that are asked for and all emitters. Media before suns are those of `suns`,
-    /// or the scene's own.
+    /// Sums over the lights that are asked for and all emitters. Media before suns are those of
+    /// `suns`, or the scene's own.
     pub(super) fn sum(
         &self,
         at: &ShadingPoint<S, impl Receiver>,

@@ -1,5 +1,5 @@
-//! Where surfaces leave the sky open to the points of a volume: known on a few points of the box, by
-//! direction, and interpolated between.
+//! Where surfaces leave the sky open to the points of a volume: known on a few points of the box,
+//! by direction, and interpolated between.
 
 use crate::math::unflatten;
 use crate::scene::Volume;

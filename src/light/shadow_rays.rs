@@ -15,8 +15,8 @@ pub enum ShadowRays {
         seed: u64,
     },
     /// Rays in one or more of the 16 equal cells of the lights: neighbours that take the 16 cells
-    /// in turn have, together, a well-spread set (Keller & Heidrich 2001), and with four rays each one
-    /// in each of 64 cells; so have four such squares, one in each of 256.
+    /// in turn have, together, a well-spread set (Keller & Heidrich 2001), and with four rays each
+    /// one in each of 64 cells; so have four such squares, one in each of 256.
     Cells {
         /// Cell of the first ray, 0 to 15; others are in the quarters after it.
         cell: u8,
@@ -69,11 +69,12 @@ impl ShadowRays {
                 let first = u32::from(cell);
                 let cell = (first + 4 * ray) % 16;
                 let [x, y] = [cell >> 2 & 2 | cell >> 1 & 1, cell >> 1 & 2 | cell & 1];
-                // The four points that a cell gets of the first four rays of all lie in its quarters.
+                // The four points that a cell gets of the first four rays of all lie in its
+                // quarters.
                 let quarter = ray + 2 * (first >> 2) + first;
                 let [x, y] = [2 * x + (quarter & 1), 2 * y + (quarter >> 1 & 1)];
-                // So do those that each of the 64 cells gets of four squares, and those of one point lie
-                // in different quarters, so that no few points have them all off one way.
+                // So do those that each of the 64 cells gets of four squares, and those of one
+                // point lie in different quarters, so that no few points have them all off one way.
                 let turn = hash(&[shared_seed, u64::from(set), u64::from(first)]) as u32;
                 let part = u32::from(square) ^ ray ^ turn;
                 let [x, y] = [2 * x + (part & 1), 2 * y + (part >> 1 & 1)];
@@ -96,8 +97,8 @@ impl ShadowRays {
                 let cell = (u32::from(cell) + 4 * ray) % 16;
                 let part = cell * per_ray + i % per_ray;
                 let [u, v] = unit2(hash(&[seed, 63, u64::from(first), u64::from(i)]));
-                // The second number by a Hammersley set over the cells. The rays that share a cell, and
-                // so an emitter, lie in its four quarters.
+                // The second number by a Hammersley set over the cells. The rays that share a cell,
+                // and so an emitter, lie in its four quarters.
                 let across = (cell.reverse_bits() >> 28) as f32 * (1.0 / 16.0);
                 let v = across + 0.25 * (ray as f32 + v);
                 [(part as f32 + u) / (16 * per_ray) as f32, v.fract()]

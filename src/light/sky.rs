@@ -48,7 +48,8 @@ struct SkyParts {
 }
 
 impl SkyParts {
-    /// Parts across: of a small image its radiance between texels is looked at, of a large one means.
+    /// Parts across: of a small image its radiance between texels is looked at, of a large one
+    /// means.
     const ACROSS: [u32; 2] = [256, 1024];
 
     /// The parts that stand for an image, and the radiance of each, row by row.
@@ -190,8 +191,8 @@ impl Excess {
         )
     }
 
-    /// Adds unshadowed light, and what rays find of it. Where pictures show means of many points the
-    /// rays alone tell it, which has no bias.
+    /// Adds unshadowed light, and what rays find of it. Where pictures show means of many points
+    /// the rays alone tell it, which has no bias.
     pub fn trace(
         &self,
         total: &mut DirectLight,

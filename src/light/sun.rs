@@ -57,8 +57,9 @@ impl Sun {
         }
     }
 
-    /// Adds unshadowed light, and what rays find of it; of surfaces rays tell how much arrives alone,
-    /// unless they are to tell all. Media before the sun are those of `media`, or the scene's own.
+    /// Adds unshadowed light, and what rays find of it; of surfaces rays tell how much arrives
+    /// alone, unless they are to tell all. Media before the sun are those of `media`, or the
+    /// scene's own.
     pub fn trace<S: Shadows>(
         &self,
         total: &mut DirectLight,

@@ -110,8 +110,8 @@ impl<'a> SunDepths<'a> {
         (cells * (Levels::CELL_BYTES + suns * KeptRays::CELL_BYTES)) as u64
     }
 
-    /// Makes what goes through coarse cells, with all threads. Not when a task of theirs first asks:
-    /// while it waits for others it could take up one that waits for the same.
+    /// Makes what goes through coarse cells, with all threads. Not when a task of theirs first
+    /// asks: while it waits for others it could take up one that waits for the same.
     ///
     /// # Errors
     /// A stop on request.

@@ -15,7 +15,8 @@ const COLDEST: f32 = 800.0;
 const HOTTEST: f32 = 12_000.0;
 
 /// What a black body of so many kelvin sends, by the law of Stefan and Boltzmann and in units in
-/// which flames are near 1: `5.670373e-8 T^4 1e-6 / pi` times its linear Rec.709 colour of luminance
+/// which flames are near 1: `5.670373e-8 T^4 1e-6 / pi` times its linear Rec.709 colour of
+/// luminance
 /// 1. Cycles' Principled Volume has the same.
 #[must_use]
 pub fn blackbody(kelvin: f32) -> Rgb {

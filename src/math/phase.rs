@@ -122,7 +122,8 @@ impl PhaseFunction {
         (x * (sine * cos_phi) + y * (sine * sin_phi) + travel * cos).normalize()
     }
 
-    /// The cosine below which a share `u` of one lobe scatters; which lobe is chosen by `u` as well.
+    /// The cosine below which a share `u` of one lobe scatters; which lobe is chosen by `u` as
+    /// well.
     fn cosine(self, u: f32) -> f32 {
         if u < self.mix {
             cosine(self.g[0], u / self.mix)

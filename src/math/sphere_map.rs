@@ -44,8 +44,8 @@ fn fold(place: Vec2) -> Vec3 {
 }
 
 impl SphereMap {
-    /// The map of a function of direction, with so many edges of triangles along the square: an even
-    /// number.
+    /// The map of a function of direction, with so many edges of triangles along the square: an
+    /// even number.
     #[must_use]
     pub fn from_fn(edges: usize, of: impl Fn(Vec3) -> Rgb) -> Self {
         let at = |i: usize| i as f32 / edges as f32;

@@ -46,8 +46,8 @@ pub fn has_made(output: &Path, scene: &Scene, files: Files<'_>) -> Result<bool> 
         && files.light.map(light).transpose()? == held(meta.light_bytes).map(light).transpose()?)
 }
 
-/// CPU seconds that packing a scene takes, about: by its triangles, over which a hierarchy is built,
-/// and its voxels, which are coded. `None` for a packed scene, which is copied.
+/// CPU seconds that packing a scene takes, about: by its triangles, over which a hierarchy is
+/// built, and its voxels, which are coded. `None` for a packed scene, which is copied.
 #[must_use]
 pub fn expected_cpu_secs(scene: &Scene) -> Option<f64> {
     // Measured on terrain of 0.4 to 10.6 million triangles and clouds of 1 to 46 million voxels; on

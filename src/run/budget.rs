@@ -69,8 +69,8 @@ impl Held {
         self.set_for_now(0);
     }
 
-    /// Tells caches what the stage is about to hold, all together and for a while, before they could
-    /// see it; 0 when that is over.
+    /// Tells caches what the stage is about to hold, all together and for a while, before they
+    /// could see it; 0 when that is over.
     pub(crate) fn set_for_now(&self, bytes: u64) {
         self.for_now.store(bytes, Ordering::Relaxed);
     }

@@ -3,10 +3,10 @@
 //!
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
 //! `budget` is what a stage holds of its limit; `memory`, `size`, `usage` and `watch` know what the
-//! machine has and what is taken of it; `output` writes files that appear whole; `part` divides work
-//! among processes; `walked` counts what rays pass; `frames` are ranges of frames, and names with
-//! their numbers; `words` are shared by threads and processes; `digest` and `hex` name the program
-//! and what it read.
+//! machine has and what is taken of it; `output` writes files that appear whole; `part` divides
+//! work among processes; `walked` counts what rays pass; `frames` are ranges of frames, and names
+//! with their numbers; `words` are shared by threads and processes; `digest` and `hex` name the
+//! program and what it read.
 
 mod budget;
 mod cancel;

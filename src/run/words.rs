@@ -82,11 +82,10 @@ impl AtomicLines {
     #[inline]
     #[allow(unsafe_code)]
     pub fn lines(&self) -> &[Line] {
-        // The map starts at a page and the offset is a page or none, so that words are aligned. Every
-        // pattern of bits is a word. Whoever writes to them, in this process or in others, does so
-        // one whole word at a time.
-        // SAFETY: the map holds `offset` bytes and then so many lines, which both constructors saw
-        // to, and lives as long as the slice.
+        // The map starts at a page and the offset is a page or none, so that words are aligned.
+        // Every pattern of bits is a word. Whoever writes to them, in this process or in others,
+        // does so one whole word at a time. SAFETY: the map holds `offset` bytes and then so many
+        // lines, which both constructors saw to, and lives as long as the slice.
         unsafe {
             let first = self.map.as_mut_ptr().add(self.offset);
             std::slice::from_raw_parts(first.cast(), self.lines)

@@ -109,8 +109,8 @@ fn meta(scene: &Scene, tree: &OpenTree, settings: &Settings) -> ScatterMeta {
     }
 }
 
-/// Whether a file has the light that media of this scene scatter, made with these settings from this
-/// tree; cameras, film and names of the scene may be others.
+/// Whether a file has the light that media of this scene scatter, made with these settings from
+/// this tree; cameras, film and names of the scene may be others.
 ///
 /// # Errors
 /// A file that is no whole file of scattered light.

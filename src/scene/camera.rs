@@ -18,8 +18,8 @@ pub struct Camera {
     pub keys: Vec<CameraKey>,
     /// Its lens; `None` for a pinhole.
     pub lens: Option<Lens>,
-    /// When its shutter opens and closes, in frames from the number of the one that is taken; `None`
-    /// for a moment.
+    /// When its shutter opens and closes, in frames from the number of the one that is taken;
+    /// `None` for a moment.
     pub shutter: Option<[f64; 2]>,
     /// Where it is while its shutter is open, at the middles of as many equal parts of that time;
     /// empty if it stands still.
@@ -117,8 +117,8 @@ impl Film {
     /// Exposures that are taken for no mistake.
     pub(super) const EXPOSURES: std::ops::RangeInclusive<f64> = 1e-30..=1e30;
 
-    /// The point of the plane one unit ahead of a camera that is seen at a point of the film, pixels
-    /// from its top left; `half_width` is the tangent of half its field of view.
+    /// The point of the plane one unit ahead of a camera that is seen at a point of the film,
+    /// pixels from its top left; `half_width` is the tangent of half its field of view.
     pub(super) fn ahead(&self, half_width: f32, [x, y]: [f32; 2]) -> Vec3 {
         let pixel = 2.0 * half_width / self.width as f32;
         Vec3::new(

@@ -167,7 +167,8 @@ impl EmissiveVolume {
         sums.iter().filter_map(|sums| sums.block(least)).collect()
     }
 
-    /// Mean of what a cell sends over its space, of which the parts outside of the box send nothing.
+    /// Mean of what a cell sends over its space, of which the parts outside of the box send
+    /// nothing.
     fn mean_over(&self, cell: &Cell, corner: DVec3, size: DVec3) -> Rgb {
         /// Along each axis of a cell, where polynomials up to cubics are summed exactly.
         const POINTS: [f32; 2] = [0.211_324_87, 0.788_675_1];

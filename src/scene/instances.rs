@@ -1,8 +1,9 @@
 //! Triangles that a scene keeps once and places many times.
 //!
 //! A [`Mesh`](super::Mesh) stores flat triangles, in scene space, and behind them those of
-//! prototypes, each in a space of its own. An instance places a prototype by an affine map. Triangles
-//! of the scene are numbered as if all were flat: the flat ones first, then those of each instance.
+//! prototypes, each in a space of its own. An instance places a prototype by an affine map.
+//! Triangles of the scene are numbered as if all were flat: the flat ones first, then those of each
+//! instance.
 
 use super::Mesh;
 use crate::math::Aabb;
@@ -105,12 +106,13 @@ impl Default for Instances {
 }
 
 impl Instances {
-    /// Triangles of a scene with instances, at most: what numbers them, and their edges, has 32 bits.
+    /// Triangles of a scene with instances, at most: what numbers them, and their edges, has 32
+    /// bits.
     pub(crate) const MAX_TRIANGLES: u64 = 1 << 30;
 
-    /// Instances of prototypes, which follow each other at the end of what a mesh stores. Places are
-    /// indices of prototypes and maps to scene space; `None` for an index without a prototype, and
-    /// for more triangles than can be numbered.
+    /// Instances of prototypes, which follow each other at the end of what a mesh stores. Places
+    /// are indices of prototypes and maps to scene space; `None` for an index without a prototype,
+    /// and for more triangles than can be numbered.
     pub(crate) fn new(
         prototypes: Vec<Prototype>,
         places: impl IntoIterator<Item = (u32, DAffine3)>,
@@ -272,7 +274,8 @@ impl Mesh {
         }
     }
 
-    /// Where a triangle of the scene is stored, and the instance that it belongs to if it is not flat.
+    /// Where a triangle of the scene is stored, and the instance that it belongs to if it is not
+    /// flat.
     #[must_use]
     #[inline]
     pub fn place(&self, triangle: usize) -> (usize, Option<&Instance>) {

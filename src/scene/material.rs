@@ -1,5 +1,5 @@
-//! Lambertian materials, two-sided in reflection, with optional emission, textures of base colour and
-//! emission, and mask.
+//! Lambertian materials, two-sided in reflection, with optional emission, textures of base colour
+//! and emission, and mask.
 
 use super::Mask;
 

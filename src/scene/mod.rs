@@ -100,7 +100,8 @@ pub struct Scene {
     pub warnings: Vec<String>,
     /// What was made of it that is worth knowing and nothing amiss.
     pub notes: Vec<String>,
-    /// Groups that its lights are in, of a scene file; [`load::DEFAULT_GROUP`] is that of lights in none.
+    /// Groups that its lights are in, of a scene file; [`load::DEFAULT_GROUP`] is that of lights in
+    /// none.
     pub groups: Vec<String>,
     /// The only one that lights it; `None` if all do.
     pub group: Option<String>,
@@ -181,8 +182,8 @@ impl Scene {
         }
     }
 
-    /// Gives the memory of what lies in a packed file and is read from end to end, a part at a time,
-    /// back to the system.
+    /// Gives the memory of what lies in a packed file and is read from end to end, a part at a
+    /// time, back to the system.
     pub(crate) fn release_mesh(&self) {
         if let Some(packed) = &self.packed {
             packed.release_mesh();

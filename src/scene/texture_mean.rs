@@ -1,5 +1,5 @@
-//! Means of textures over triangles, as they are filtered: between the middles of four texels a texture
-//! is bilinear, so that integrals over polygons are known in closed form.
+//! Means of textures over triangles, as they are filtered: between the middles of four texels a
+//! texture is bilinear, so that integrals over polygons are known in closed form.
 
 use super::Texture;
 use crate::math::sampling;

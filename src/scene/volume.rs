@@ -66,8 +66,8 @@ impl Volume {
         Self { phase, ..self }
     }
 
-    /// The same medium with such an extinction of red, green and blue over that of its grid, each in
-    /// `[0,1]` and one of them 1.
+    /// The same medium with such an extinction of red, green and blue over that of its grid, each
+    /// in `[0,1]` and one of them 1.
     #[must_use]
     pub fn with_extinction_color(self, extinction_color: [f32; 3]) -> Self {
         Self {
@@ -83,8 +83,8 @@ impl Volume {
         self.extinction_color.into_iter().fold(1.0, f32::min)
     }
 
-    /// The same medium with an albedo that varies, on the voxels of its extinction; its mean is left to
-    /// the caller.
+    /// The same medium with an albedo that varies, on the voxels of its extinction; its mean is
+    /// left to the caller.
     #[must_use]
     pub fn with_albedo_grid(self, albedo_grid: Option<AlbedoGrid>) -> Self {
         Self {
@@ -113,7 +113,8 @@ impl Volume {
         }
     }
 
-    /// The mean albedo over a cube of voxels, as far as it is in the grid, weighted by the extinction.
+    /// The mean albedo over a cube of voxels, as far as it is in the grid, weighted by the
+    /// extinction.
     #[must_use]
     pub fn mean_albedo(&self, first: [usize; 3], edge: usize) -> Rgb {
         let Some(grid) = &self.albedo_grid else {
@@ -157,8 +158,8 @@ impl Volume {
         self.extinction_color == [1.0; 3]
     }
 
-    /// The medium on voxels of 2^`level` times the edge, made when first asked for, in the same box.
-    /// Their means darken what is sharper than they are.
+    /// The medium on voxels of 2^`level` times the edge, made when first asked for, in the same
+    /// box. Their means darken what is sharper than they are.
     #[must_use]
     pub fn at_level(&self, level: usize) -> Self {
         let grid = self.level(level);
@@ -171,8 +172,8 @@ impl Volume {
         coarser.with_phase(self.phase)
     }
 
-    /// The same medium with bricks on levels of their own, as [`VolumeGrid::adapted`]; `None` also if its
-    /// albedo varies.
+    /// The same medium with bricks on levels of their own, as [`VolumeGrid::adapted`]; `None` also
+    /// if its albedo varies.
     ///
     /// # Errors
     /// As [`VolumeGrid::adapted`].
@@ -188,8 +189,8 @@ impl Volume {
         Ok(self.sigma_t.adapted(allowed)?.map(with_grid))
     }
 
-    /// Voxels from which on shadows of each are too many to be exact, and bricks are worth levels of their
-    /// own.
+    /// Voxels from which on shadows of each are too many to be exact, and bricks are worth levels
+    /// of their own.
     const MANY_VOXELS: u64 = PackedVolume::MANY_VOXELS;
 
     /// Whether it has as many.
@@ -224,8 +225,8 @@ impl Volume {
         self.levels.level(&self.sigma_t, level)
     }
 
-    /// Whether each of its levels is what the one before makes it, and the first is constant beyond its
-    /// outermost samples; they are all read.
+    /// Whether each of its levels is what the one before makes it, and the first is constant beyond
+    /// its outermost samples; they are all read.
     ///
     /// # Errors
     /// As [`Volume::ready`], for all levels.
@@ -249,8 +250,8 @@ impl Volume {
         Ok(true)
     }
 
-    /// The errors of the bricks of a level on the three above it, in the order of their entries; all
-    /// are read.
+    /// The errors of the bricks of a level on the three above it, in the order of their entries;
+    /// all are read.
     ///
     /// # Errors
     /// As [`Volume::ready`], for these levels.
@@ -263,8 +264,8 @@ impl Volume {
         self.level(level).errors_of_bricks(coarser, entries)
     }
 
-    /// Whether the errors of bricks that are stored with its levels are those of what is stored; all levels
-    /// are read.
+    /// Whether the errors of bricks that are stored with its levels are those of what is stored;
+    /// all levels are read.
     ///
     /// # Errors
     /// As [`Volume::ready`], for all levels.

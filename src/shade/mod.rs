@@ -43,8 +43,8 @@ pub use origin::Image;
 pub use pixels::Aov;
 pub use settings::{Kernel, Method, Quality, Settings};
 
-/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree, or with one that
-/// has such needs ([`OpenTree::needs`]). Returns the bytes that it holds beside the tree, for
+/// Refuses a frame that [`run`] would refuse for its memory, before there is a tree, or with one
+/// that has such needs ([`OpenTree::needs`]). Returns the bytes that it holds beside the tree, for
 /// [`OpenTree::beside`].
 ///
 /// # Errors

@@ -78,8 +78,8 @@ pub fn camera(scene: &Scene, settings: &Settings) -> Result<CameraMatrices> {
     })
 }
 
-/// A digest of all that a tree was made of and with: parts of the scene, settings of bake, build and
-/// bounces.
+/// A digest of all that a tree was made of and with: parts of the scene, settings of bake, build
+/// and bounces.
 fn how_made(tree: &TreeMeta) -> String {
     let mut hasher = blake3::Hasher::new();
     for text in tree.made_with().flat_map(|(name, value)| [name, value]) {

@@ -39,8 +39,8 @@ pub struct Settings {
     /// or 2; elsewhere, and where pixels have samples of their own, it does not matter.
     pub corner_spacing: u32,
     /// Primary rays inside a pixel whose corners disagree, beside those through the corners; up to
-    /// 64 lie in a pattern made for edges. Three times as many where masks cut surfaces out. Where pixels have samples of their own: all rays of a
-    /// pixel whose first ones disagree.
+    /// 64 lie in a pattern made for edges. Three times as many where masks cut surfaces out. Where
+    /// pixels have samples of their own: all rays of a pixel whose first ones disagree.
     pub edge_samples: u32,
     /// Shadow rays to lights with an extent from the end of each primary ray inside a pixel; shared
     /// corners take one, and four in penumbrae.

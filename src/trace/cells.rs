@@ -27,8 +27,8 @@ impl RayInVolume {
     /// A stretch up to this depth is one piece.
     const THIN: f32 = 0.7;
 
-    /// The parts before and behind a place, scene units from the ray's origin; all of it if that is not
-    /// inside.
+    /// The parts before and behind a place, scene units from the ray's origin; all of it if that is
+    /// not inside.
     #[must_use]
     pub fn cut(self, at: f32) -> (Self, Option<Self>) {
         let is_inside = at > self.near && at < self.far;
@@ -154,8 +154,8 @@ impl<'a> Cells<'a> {
     }
 
     /// The same for those who do not tell what is in which cell: each is as deep as in its middle,
-    /// where it is thin and `tells_cells` says no of its edge in voxels, at a distance from the ray's
-    /// origin.
+    /// where it is thin and `tells_cells` says no of its edge in voxels, at a distance from the
+    /// ray's origin.
     #[inline]
     pub fn each_by_middle(
         mut self,
@@ -240,8 +240,8 @@ impl InBrick<'_> {
         }
     }
 
-    /// The same, as deep as in its middle if that is asked; faster for who knows that cells are voxels
-    /// wide.
+    /// The same, as deep as in its middle if that is asked; faster for who knows that cells are
+    /// voxels wide.
     #[inline]
     fn next_with<const BY_MIDDLE: bool, const ON_VOXELS: bool>(
         &mut self,
@@ -422,8 +422,8 @@ mod tests {
         check_middles(&|v| 0.9 * noise(v), 1e-5);
     }
 
-    /// Compares depths along rays by middles of cells with exact ones, from which they may differ by
-    /// this share.
+    /// Compares depths along rays by middles of cells with exact ones, from which they may differ
+    /// by this share.
     fn check_middles(sigma_t: &(dyn Fn([usize; 3]) -> f32 + Sync), tolerance: f32) {
         let place = DAffine3::from_quat(DQuat::from_rotation_y(0.7));
         let middle = place.transform_point3(DVec3::new(18.0, 9.0, 30.0));

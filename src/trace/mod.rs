@@ -155,8 +155,8 @@ impl<'a> Tracer<'a> {
         self.are_all_seen
     }
 
-    /// The share of light that a camera sees from the end of a ray to its origin: 0 behind a surface
-    /// that it sees, else the transmittance of the media between.
+    /// The share of light that a camera sees from the end of a ray to its origin: 0 behind a
+    /// surface that it sees, else the transmittance of the media between.
     #[must_use]
     pub fn seen_transmittance<K: Spectrum>(&self, ray: &Ray) -> K {
         if self.closest_seen(ray).is_some() {
@@ -183,8 +183,8 @@ impl<'a> Tracer<'a> {
         (self.triangles).closest_seen_and_masked(ray, self.scene)
     }
 
-    /// Whether nothing of a triangle is there, by its mask, at barycentric weights of its second and
-    /// third corner.
+    /// Whether nothing of a triangle is there, by its mask, at barycentric weights of its second
+    /// and third corner.
     #[must_use]
     #[inline]
     pub fn is_clear(&self, triangle: u32, uv: [f32; 2]) -> bool {

@@ -31,8 +31,8 @@ pub struct SteppedVolume {
 }
 
 impl SteppedVolume {
-    /// The media of volumes on one grid, together, on at most `most` voxels along each axis, passed in
-    /// steps of one cell.
+    /// The media of volumes on one grid, together, on at most `most` voxels along each axis, passed
+    /// in steps of one cell.
     #[must_use]
     pub fn new(volume: &Volume, others: &[&Volume], most: usize) -> Self {
         let grid = &volume.sigma_t;
@@ -106,8 +106,8 @@ impl SteppedVolume {
     }
 
     /// Values at a point and at others each so far from the one before, with none beyond 0 and
-    /// `most`, in cells: the sum of so many as four shares, or of the first that are `enough`. Where
-    /// points are is found for some of them side by side.
+    /// `most`, in cells: the sum of so many as four shares, or of the first that are `enough`.
+    /// Where points are is found for some of them side by side.
     #[inline]
     fn sum(&self, [first, by]: [Vec3A; 2], count: u32, most: Vec3A, enough: f32) -> Vec4 {
         const TOGETHER: usize = 8;

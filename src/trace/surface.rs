@@ -17,8 +17,8 @@ pub struct Surface {
     pub albedo: Rgb,
     /// Index into the scene's materials.
     pub material: u32,
-    /// Whether its material reflects anything, here or beside: where a texture is black, a pixel may
-    /// show what is not.
+    /// Whether its material reflects anything, here or beside: where a texture is black, a pixel
+    /// may show what is not.
     pub reflects: bool,
     /// Whether the normals were turned to the triangle's back.
     is_back: bool,
@@ -82,8 +82,8 @@ impl Surface {
         albedo
     }
 
-    /// Emitted radiance at barycentric weights `uv` of the second and third corner, on the sides that
-    /// emit.
+    /// Emitted radiance at barycentric weights `uv` of the second and third corner, on the sides
+    /// that emit.
     #[must_use]
     pub fn emission_at(scene: &Scene, triangle: u32, uv: [f32; 2]) -> Rgb {
         let mesh = &scene.mesh;

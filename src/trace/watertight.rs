@@ -45,15 +45,16 @@ impl VertexBlock {
         }
     }
 
-    /// The block of the same triangles with their corners, `scale` times larger; of absent ones only
-    /// x is no number, which is enough. `coordinates` are those of all vertices, one by one.
+    /// The block of the same triangles with their corners, `scale` times larger; of absent ones
+    /// only x is no number, which is enough. `coordinates` are those of all vertices, one by one.
     #[inline(always)]
     pub fn with_corners(&self, coordinates: &[f32], scale: f32) -> Block {
         let scale = f32x4::splat(scale);
         let triangles: i32x4 = bytemuck::cast(self.triangles);
         // All bits are set, which is no number.
         let absent: f32x4 = bytemuck::cast(triangles.simd_eq(i32x4::splat(-1)));
-        // Loads of whole vertices that are then turned: numbers one by one take three times as long.
+        // Loads of whole vertices that are then turned: numbers one by one take three times as
+        // long.
         let corner = |vertices: &[u32; LANES]| {
             let [a, b, c, d] = *vertices;
             let [x, y, z, _] = f32x4::transpose([

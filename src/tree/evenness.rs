@@ -3,12 +3,12 @@
 use super::page::facing_axes;
 use lvox_formats::record::SurfelAggregate;
 
-/// What a node sends misleads where nodes below it that stand for the place in question send more or
-/// less by this share of it.
+/// What a node sends misleads where nodes below it that stand for the place in question send more
+/// or less by this share of it.
 pub const MISLEADING_DIFFERENCE: f32 = 0.5;
 
-/// Whether no mean over any of its parts, towards any direction, is off by [`MISLEADING_DIFFERENCE`]
-/// from what the whole sends there; `false` where that is not known.
+/// Whether no mean over any of its parts, towards any direction, is off by
+/// [`MISLEADING_DIFFERENCE`] from what the whole sends there; `false` where that is not known.
 ///
 /// The means are over axes that surfels face: where the parts face the same ones as the whole does,
 /// each lies between the least and the most that is sent to one of them.

@@ -77,8 +77,8 @@ impl OpenTree {
     /// Most segments of paths of direct light and one bounce.
     pub(crate) const SEGMENTS_OF_ONE_BOUNCE: u32 = 3;
 
-    /// Opens a tree file, or the tree in a packed scene. With a memory limit that the decoded tree might pass, pages are cached
-    /// within it.
+    /// Opens a tree file, or the tree in a packed scene. With a memory limit that the decoded tree
+    /// might pass, pages are cached within it.
     ///
     /// # Errors
     /// A file that is not a whole tree, or a limit too small for its media and a few pages.

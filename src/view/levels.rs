@@ -11,13 +11,13 @@ const MAX_PIXELS: f32 = 1.0;
 /// Optical depth of a voxel, at most: what light changes over must not be in one mean.
 const MAX_DEPTH: f32 = 0.5;
 
-/// Error of the optical depth of a ray along an edge of a brick on coarser cells, at most, where pixels
-/// tell them.
+/// Error of the optical depth of a ray along an edge of a brick on coarser cells, at most, where
+/// pixels tell them.
 const MAX_ERROR: f32 = 0.01;
 
-/// The media of a scene on the largest voxels that a camera does not tell from their own, and those of
-/// many voxels brick by brick on what it does not tell, or whose error is small; `None` if these are
-/// their own for all of them. That depends on nothing but camera, film and volumes.
+/// The media of a scene on the largest voxels that a camera does not tell from their own, and those
+/// of many voxels brick by brick on what it does not tell, or whose error is small; `None` if these
+/// are their own for all of them. That depends on nothing but camera, film and volumes.
 ///
 /// # Errors
 /// As [`Volume::ready`].
@@ -30,8 +30,8 @@ pub fn media_on_pixels(
     with_bricks(volumes, levels, Some((camera, film)))
 }
 
-/// The same for light that all cameras share: media on their own voxels, but for bricks whose error is
-/// small.
+/// The same for light that all cameras share: media on their own voxels, but for bricks whose error
+/// is small.
 ///
 /// # Errors
 /// As [`Volume::ready`].
@@ -89,8 +89,8 @@ fn with_bricks(
     Ok(are_any.then_some(media))
 }
 
-/// A volume of many voxels with bricks on coarser levels, as far as the picture of a camera allows, or
-/// those of all, and where they are smooth if that is asked.
+/// A volume of many voxels with bricks on coarser levels, as far as the picture of a camera allows,
+/// or those of all, and where they are smooth if that is asked.
 fn adapted(
     volume: &Volume,
     picture: Option<(&Camera, Film)>,
@@ -168,8 +168,8 @@ impl View<'_> {
         are_small && volume.has_many_voxels()
     }
 
-    /// Whether the picture shows single voxels of such an edge that are so far from the camera, both
-    /// in scene units.
+    /// Whether the picture shows single voxels of such an edge that are so far from the camera,
+    /// both in scene units.
     #[inline]
     #[must_use]
     pub fn shows_voxels(&self, edge: f32, distance: f32) -> bool {

@@ -1,4 +1,5 @@
-//! What the program says of itself: help, the manual, completions, the version; and what the environment says to it.
+//! What the program says of itself: help, the manual, completions, the version; and what the
+//! environment says to it.
 
 use crate::support::program::{Run, command, lvox};
 use std::fs;

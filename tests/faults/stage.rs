@@ -216,8 +216,8 @@ impl<'a> Bench<'a> {
         piped(shell)
     }
 
-    /// Whether the system can load the program after this, which limits what it may take. The loader's
-    /// own words are not the program's.
+    /// Whether the system can load the program after this, which limits what it may take. The
+    /// loader's own words are not the program's.
     pub fn is_loaded_after(&self, limit: &str) -> bool {
         let help = self.run(&mut self.shell(&format!("{limit}; exec \"$1\" --help")));
         // The system ends a program by a signal where not even its segments fit.

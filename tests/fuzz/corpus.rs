@@ -102,8 +102,8 @@ pub fn ply() -> Vec<Vec<u8>> {
     ]
 }
 
-/// A triangle with normals, a node above it, a camera, a light and a list of places: as text with its buffer inside,
-/// and as one binary file.
+/// A triangle with normals, a node above it, a camera, a light and a list of places: as text with
+/// its buffer inside, and as one binary file.
 pub fn gltf() -> Vec<Vec<u8>> {
     let mut buffer: Vec<u8> = TRIANGLE[..3]
         .iter()

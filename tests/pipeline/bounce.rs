@@ -85,8 +85,8 @@ fn light_in_a_closed_room_is_a_geometric_series() {
     }
 }
 
-/// Smoke that takes no light changes nothing in a room whose walls all shine, and its box ends right
-/// on these.
+/// Smoke that takes no light changes nothing in a room whose walls all shine, and its box ends
+/// right on these.
 #[test]
 fn smoke_that_takes_nothing_may_fill_a_closed_room() {
     let text = format!(
@@ -104,8 +104,8 @@ fn smoke_that_takes_nothing_may_fill_a_closed_room() {
     assert!((found / 5.0 - 1.0).abs() < 0.01, "{found}");
 }
 
-/// Smoke in two parts, each of its own albedo, is lit as smoke of both of them together: it is 5 % darker,
-/// and was 21 % where each part was lit by itself.
+/// Smoke in two parts, each of its own albedo, is lit as smoke of both of them together: it is 5 %
+/// darker, and was 21 % where each part was lit by itself.
 #[test]
 fn volumes_on_one_grid_light_each_other() {
     let picture = |parts: &[(f32, f32)]| {
@@ -189,8 +189,8 @@ fn a_sky_is_reflected_once() {
     }
 }
 
-/// Radiance that a cube of edge 1, albedo 0.9 and this extinction sends from the middle of its front
-/// in the light of a sun: paths of any length, each lit at all of its points.
+/// Radiance that a cube of edge 1, albedo 0.9 and this extinction sends from the middle of its
+/// front in the light of a sun: paths of any length, each lit at all of its points.
 fn sent_by_a_cube(sigma_t: f32, sun: [f32; 3]) -> f64 {
     const PATHS: u32 = 100_000;
     let far = |p: [f32; 3], d: [f32; 3]| {

@@ -93,8 +93,8 @@ fn frames_of_twice_as_many_voxels_take_no_more_work() {
     );
 }
 
-/// Where voxels are wider than pixels, a camera amid thin parts of a cloud has many of them before it,
-/// and asks for light as often as the vertices ask that light stands at.
+/// Where voxels are wider than pixels, a camera amid thin parts of a cloud has many of them before
+/// it, and asks for light as often as the vertices ask that light stands at.
 #[test]
 fn rays_amid_a_cloud_are_lit_as_often_as_light_changes() {
     let amid = CameraInput::look_at("amid", [0.0, 0.1, 0.9], [0.0; 3], [0.0, 1.0, 0.0], 0.3);
@@ -109,8 +109,8 @@ fn rays_amid_a_cloud_are_lit_as_often_as_light_changes() {
     );
 }
 
-/// Where voxels are wider than pixels, but the cloud is smooth, many voxels are fewer cells to pass than
-/// fewer, to the same picture; of a packed scene, to the same bits, not all are read.
+/// Where voxels are wider than pixels, but the cloud is smooth, many voxels are fewer cells to pass
+/// than fewer, to the same picture; of a packed scene, to the same bits, not all are read.
 #[test]
 fn frames_amid_smooth_voxels_take_as_much_work_as_the_cloud_is_detailed() {
     let amid = || CameraInput::look_at("amid", [0.0, 0.1, 0.9], [0.0; 3], [0.0, 1.0, 0.0], 0.3);

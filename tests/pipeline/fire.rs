@@ -12,7 +12,8 @@ use lvox::scene::{
 use lvox::shade::{self as shading, Aov, Settings};
 use lvox::tree::OpenTree;
 
-/// A floor below a ball that glows, with smoke in the same place and beside it if that is asked for.
+/// A floor below a ball that glows, with smoke in the same place and beside it if that is asked
+/// for.
 fn scene(emission: Emission, value: f32, smoke: bool) -> Scene {
     let camera = CameraInput::look_at("front", [0.0, 1.5, 4.0], [0.0, 0.5, 0.0], DVec3::Y, 0.7);
     let corners = [

@@ -17,7 +17,8 @@ const WALLS: Region = Region {
     y1: 320,
 };
 
-/// It is 0.25 % by two seeds; without wide penumbrae and with light in 16 cells, not 64, it is 0.85 to
+/// It is 0.25 % by two seeds; without wide penumbrae and with light in 16 cells, not 64, it is 0.85
+/// to
 /// 0.88 %, and where corners take one shadow ray, not four, 1.61 to 1.7 %.
 #[test]
 fn walls_behind_smoke_have_little() {

@@ -1,4 +1,5 @@
-//! Meshes that a glTF file places many times: kept once, they give the pictures that they give flat.
+//! Meshes that a glTF file places many times: kept once, they give the pictures that they give
+//! flat.
 
 use crate::support::program::lvox;
 use crate::{Work, beauty, mean, relative_rms, shade, traced, with_threads};

@@ -93,7 +93,8 @@ fn a_small_disk_out_of_focus_is_spread_over_its_circle_of_confusion() {
     }
 }
 
-/// A floor with a ball of triangles near the camera and one far away, and smoke if that is asked for.
+/// A floor with a ball of triangles near the camera and one far away, and smoke if that is asked
+/// for.
 fn still_life(camera: CameraInput, smoke: bool) -> Scene {
     let corners = [
         [-3.0, 0.0, 3.0],

@@ -8,7 +8,8 @@ use lvox::scene::{Grid, Scene};
 use std::fs;
 use std::path::Path;
 
-/// The room with a textured picture on its wall, a flame, more lights, and cameras that are no pinholes.
+/// The room with a textured picture on its wall, a flame, more lights, and cameras that are no
+/// pinholes.
 pub fn scene() -> String {
     format!(
         r#"{ROOM}

@@ -92,8 +92,8 @@ fn light_of_a_screen_agrees_with_the_path_tracer() {
     }
 }
 
-/// Paths that run into a screen and rays that ask for it tell the same: what is sampled by the cells
-/// of a texture has no bias.
+/// Paths that run into a screen and rays that ask for it tell the same: what is sampled by the
+/// cells of a texture has no bias.
 #[test]
 fn the_path_tracer_finds_the_light_of_the_same_picture_in_triangles() {
     // Two even halves of a texture are two quads of these colours.

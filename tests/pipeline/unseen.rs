@@ -1,4 +1,5 @@
-//! What cameras do not see: lamps, other surfaces and the background, which light the scene as ever.
+//! What cameras do not see: lamps, other surfaces and the background, which light the scene as
+//! ever.
 
 use crate::messages::lvox;
 use crate::{ROOM, Work, beauty, mean, relative_rms, shade};
@@ -9,8 +10,8 @@ use lvox::scene::Scene;
 use lvox::shade::{Quality, Settings};
 use std::fs;
 
-/// A lamp that faces the camera from before the smoke and hides a quarter of the picture, a red card
-/// that is flush with it, and what is behind the camera.
+/// A lamp that faces the camera from before the smoke and hides a quarter of the picture, a red
+/// card that is flush with it, and what is behind the camera.
 fn room(visible: bool) -> String {
     format!(
         "{ROOM}

@@ -1,4 +1,5 @@
-//! What `lvox inspect` says of scenes, meshes and volumes: as the loader of rendering has read them.
+//! What `lvox inspect` says of scenes, meshes and volumes: as the loader of rendering has read
+//! them.
 
 use crate::Folder;
 use crate::support::program::{Run, lvox};

@@ -1,5 +1,5 @@
-//! The values of a level that has few: those of volumes that were saved in 8 or 16 bits have at most
-//! 65,536, whatever was done to them since.
+//! The values of a level that has few: those of volumes that were saved in 8 or 16 bits have at
+//! most 65,536, whatever was done to them since.
 
 use super::BrickSamples;
 use crate::bytes::{self, Cursor};

@@ -139,8 +139,8 @@ fn check_page(block: &Block, i: usize, volume: u32, bricks: u64) -> Result<()> {
 }
 
 impl PackedWriter {
-    /// Appends the table of the next level of a volume. All levels come in order, those of the first
-    /// volume first; each with its pages before the next.
+    /// Appends the table of the next level of a volume. All levels come in order, those of the
+    /// first volume first; each with its pages before the next.
     ///
     /// # Errors
     /// [`FormatError::Invalid`] for another level than the next, or another number of bricks;
@@ -269,8 +269,8 @@ impl<D: AsRef<[u8]>> Packed<D> {
     /// among those of the page. They are what the table says.
     ///
     /// # Errors
-    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for a page that does not
-    /// exist.
+    /// [`FormatError::Checksum`] or [`FormatError::Invalid`] for damage, or for a page that does
+    /// not exist.
     pub fn media_page(
         &self,
         level: &MediaLevel,

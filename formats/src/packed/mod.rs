@@ -1,8 +1,8 @@
 //! The packed scene, `.lvp`: all that stages need of a scene, and a tree and scattered light with
 //! it, in columns that are used as they lie.
 //!
-//! - `meta`: what is small: cameras and film (`view`), lights, surfaces, volumes, what the columns are, and
-//!   `parts` that most scenes have not; `rules`: values that these may have
+//! - `meta`: what is small: cameras and film (`view`), lights, surfaces, volumes, what the columns
+//!   are, and `parts` that most scenes have not; `rules`: values that these may have
 //! - `column`: the columns, and what their rows must be
 //! - `hierarchy`: that nodes over triangles are a tree
 //! - `levels`: levels of volumes, whose tables and pages `media` codes

@@ -171,8 +171,8 @@ impl<D: AsRef<[u8]>> Packed<D> {
         found.map(|(_, blocks)| blocks.clone())
     }
 
-    /// Where the rows of a column are in the file: from a multiple of [`COLUMN_ALIGNMENT`] on, or an
-    /// empty range if there are none. Whether they are right is for [`Self::check_block`].
+    /// Where the rows of a column are in the file: from a multiple of [`COLUMN_ALIGNMENT`] on, or
+    /// an empty range if there are none. Whether they are right is for [`Self::check_block`].
     pub fn range(&self, column: PackedColumn, item: u32) -> Range<usize> {
         let Some(pieces) = self.pieces(column, item) else {
             return 0..0;
@@ -216,7 +216,8 @@ impl<D: AsRef<[u8]>> Packed<D> {
         })
     }
 
-    /// Checks that nodes, each of which [`Self::check_block`] found right, are a tree for each item.
+    /// Checks that nodes, each of which [`Self::check_block`] found right, are a tree for each
+    /// item.
     ///
     /// # Errors
     /// [`FormatError::Invalid`].

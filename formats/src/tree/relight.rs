@@ -24,8 +24,9 @@ pub fn is_light(column: usize) -> bool {
 impl EncodedPage {
     /// Encodes page `i` of a tree with the light of `page`, which is that page as
     /// [`Tree::surfel_page`] decodes it but for `front` and `back` of its surfels, `axis_radiance`
-    /// and `back_radiance` of its nodes, and which links are to even pages. Places, shapes and boxes stay as they are
-    /// in the file, to the bit, so that other pages may link to it as before.
+    /// and `back_radiance` of its nodes, and which links are to even pages. Places, shapes and
+    /// boxes stay as they are in the file, to the bit, so that other pages may link to it as
+    /// before.
     ///
     /// # Errors
     /// Those of [`Tree::surfel_page`], and [`FormatError::Invalid`] for a page of other counts or

@@ -52,8 +52,8 @@ impl TreeWriter {
         })
     }
 
-    /// Takes over what the summary of a tree says of all but light, of whose pages the pages of this
-    /// one are, by [`EncodedPage::relit`].
+    /// Takes over what the summary of a tree says of all but light, of whose pages the pages of
+    /// this one are, by [`EncodedPage::relit`].
     pub fn relight(&mut self, source: &TreeSummary) {
         let is_kept = |column| !relight::is_light(column);
         (self.surfel_columns).keep_left_out(&source.left_out, is_kept);

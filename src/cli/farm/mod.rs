@@ -26,8 +26,9 @@ use std::path::PathBuf;
 /// tiles of frames, and merge
 ///
 /// Nothing is run or written: pipe what is printed to a shell, or to a file for the scheduler.
-/// Every task may be run again; what is made already is left as it is. With --frames the job has all of
-/// them. Frames whose scene has other files get a cloud and a tree of their own, others share one.
+/// Every task may be run again; what is made already is left as it is. With --frames the job has
+/// all of them. Frames whose scene has other files get a cloud and a tree of their own, others
+/// share one.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]

@@ -16,8 +16,8 @@ mod linux {
     /// What was there before: the standard library tells overflows of the stack.
     static BEFORE: OnceLock<libc::sigaction> = OnceLock::new();
 
-    /// From here on a fault in a mapped file that lvox knows ends the program with a line that names
-    /// it; other faults go where they went.
+    /// From here on a fault in a mapped file that lvox knows ends the program with a line that
+    /// names it; other faults go where they went.
     #[allow(unsafe_code)]
     pub fn install() {
         // The handler runs on the stack of the thread: a fault in a file comes from code that has a

@@ -1,5 +1,5 @@
-//! How the program ends where no error can be returned: one line on stderr, no temporary files left,
-//! and the exit code of what a retry may help.
+//! How the program ends where no error can be returned: one line on stderr, no temporary files
+//! left, and the exit code of what a retry may help.
 //!
 //! - `memory`: the allocator, which ends the program where nobody hears that memory ran out.
 //! - `panics`: a bug, here or in a library.
@@ -36,8 +36,8 @@ pub fn install() {
     mapped::install();
 }
 
-/// A line in memory of fixed size: what does not fit is left out. Bytes that move a terminal's cursor are
-/// shown as `?`.
+/// A line in memory of fixed size: what does not fit is left out. Bytes that move a terminal's
+/// cursor are shown as `?`.
 struct Line {
     bytes: [u8; LINE_BYTES],
     len: usize,
@@ -86,8 +86,8 @@ fn end(mut line: Line) -> ! {
 
 #[cfg(unix)]
 fn write(bytes: &[u8]) {
-    // SAFETY: the bytes are there. Past the lock of `std::io::stderr`, which another thread may hold;
-    // a closed stderr hears nothing.
+    // SAFETY: the bytes are there. Past the lock of `std::io::stderr`, which another thread may
+    // hold; a closed stderr hears nothing.
     #[allow(unsafe_code)]
     unsafe {
         libc::write(libc::STDERR_FILENO, bytes.as_ptr().cast(), bytes.len());

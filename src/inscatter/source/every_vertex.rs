@@ -29,8 +29,8 @@ pub struct VolumeLight {
 impl<G: GatherInMedia> InScatter<'_, G> {
     /// Lights the vertices of all volumes. Of direct light those of the lattice that each brick
     /// uses, and finer ones where light changes so much between those that a camera near by would
-    /// ask for them; of indirect light those that were swept. All else is asked for by few rays. None
-    /// of a volume whose light differs with the camera.
+    /// ask for them; of indirect light those that were swept. All else is asked for by few rays.
+    /// None of a volume whose light differs with the camera.
     ///
     /// # Errors
     /// If cancelled.

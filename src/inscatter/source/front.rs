@@ -1,10 +1,11 @@
-//! Light at the fronts of media that are opaque within few voxels, where pixels are wider than those.
+//! Light at the fronts of media that are opaque within few voxels, where pixels are wider than
+//! those.
 //!
 //! The camera sees no more than a skin there, over whose depth light changes fast: vertices close
 //! enough to tell how are many more than pixels. Direct light is that of the ray's own points. A
-//! vertex of indirect light stands for what the camera sees of the medium around it, up to a spacing
-//! away: along each direction a ray leaves another point of that, chosen by what of the camera's
-//! rays ends there. A pixel shows the same mean over the skin's depth.
+//! vertex of indirect light stands for what the camera sees of the medium around it, up to a
+//! spacing away: along each direction a ray leaves another point of that, chosen by what of the
+//! camera's rays ends there. A pixel shows the same mean over the skin's depth.
 
 use super::segment::RaySegment;
 use super::{InScatter, RayMemo};

@@ -87,8 +87,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Spacings of vertices around a point light in which its light is looked for on the ray
     /// itself.
     const NEAR_LIGHT_SPACINGS: f32 = 2.0;
-    /// Emitters further away than two to this power times twice what vertices are apart are too far to
-    /// look whether their light bends.
+    /// Emitters further away than two to this power times twice what vertices are apart are too far
+    /// to look whether their light bends.
     const FAR_LEVELS: usize = 3;
     /// Factor between light in the middle of a cell and what its vertices tell of it.
     const MAX_BEND: f32 = 1.2;
@@ -347,8 +347,8 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         }
     }
 
-    /// Whether light of emitters in the middle of a cell is not what it is between its vertices, as in
-    /// the plane of a flat lamp, which sends none along that.
+    /// Whether light of emitters in the middle of a cell is not what it is between its vertices, as
+    /// in the plane of a flat lamp, which sends none along that.
     fn bends(&self, volume: usize, level: usize, cell: [usize; 3]) -> bool {
         let Some(bends) = &self.lattices[volume].bends else {
             return false;
@@ -600,8 +600,8 @@ pub struct RayMemo {
     fronts: CellCache<(usize, usize), SeenFront>,
     /// Of the only volume that has such light.
     lvoxels: LvoxelMemo,
-    /// Scene units between the vertices that light was between last, direct and indirect; 0 where it
-    /// was not between any.
+    /// Scene units between the vertices that light was between last, direct and indirect; 0 where
+    /// it was not between any.
     between: [f32; 2],
 }
 

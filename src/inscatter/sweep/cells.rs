@@ -25,8 +25,8 @@ pub struct SourceCells {
     cells: Vec<f32x4>,
     /// Extinction by channel, of that.
     color: f32x4,
-    /// Mean directions in which the light of cells leaves, but for what has scattered once where that
-    /// is apart; none if it leaves in all alike.
+    /// Mean directions in which the light of cells leaves, but for what has scattered once where
+    /// that is apart; none if it leaves in all alike.
     lobes: Vec<Vec3>,
     /// What has scattered once; none if no lvoxel tells.
     singles: Vec<Single>,
@@ -115,8 +115,8 @@ impl SourceCells {
         blocks.map(|n| n * (coarsest / Self::edge(volume)))
     }
 
-    /// The lvoxels of so many volumes on one grid, of which this is one, for vertices at most so many
-    /// voxels apart; `None` if its gatherer does not tell lvoxels, or those of other media.
+    /// The lvoxels of so many volumes on one grid, of which this is one, for vertices at most so
+    /// many voxels apart; `None` if its gatherer does not tell lvoxels, or those of other media.
     pub fn new<G: GatherInMedia>(
         gatherer: &G,
         volumes: usize,
@@ -228,8 +228,8 @@ impl SourceCells {
         }
     }
 
-    /// The cells in layers along the first of three axes, with the light that leaves them for a part
-    /// of the sphere.
+    /// The cells in layers along the first of three axes, with the light that leaves them for a
+    /// part of the sphere.
     pub fn layers(&self, axes: [usize; 3], towards: Towards) -> SourceLayers<'_> {
         let [count, width, height] = axes.map(|a| self.dims[a]);
         let strides = [1, self.dims[0], self.dims[0] * self.dims[1]];

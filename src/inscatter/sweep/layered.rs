@@ -1,5 +1,5 @@
-//! The sweep of a volume without surfaces in it, or other media but on its own grid: all vertices at
-//! once, layer by layer of cells.
+//! The sweep of a volume without surfaces in it, or other media but on its own grid: all vertices
+//! at once, layer by layer of cells.
 
 use super::cells::{SourceCells, SourceLayers, Towards, VertexLayers};
 
@@ -40,8 +40,8 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
     /// Directions along one axis that are passed together.
     const DIRECTIONS_TOGETHER: usize = 8;
 
-    /// Whether there is no more in the box of a volume than itself, and media of the same grid if it
-    /// is thin: its extinction is at most `densest` where it is swept.
+    /// Whether there is no more in the box of a volume than itself, and media of the same grid if
+    /// it is thin: its extinction is at most `densest` where it is swept.
     pub fn is_for(scope: &SweepScope<G>, media: &MediaBox, densest: f32) -> bool {
         /// Optical depth of a cell. Deep bone on cells of two voxels is 2 % too dark.
         const THIN: f32 = 0.7;
@@ -140,8 +140,8 @@ impl<'a, G: GatherInMedia> LayeredSweep<'a, G> {
         Ok(lit.into_iter().map(|lit| lit.values(scale)).collect())
     }
 
-    /// What arrives along some directions at the vertices of each set; each has layers of its own if
-    /// cells send more light some ways than others.
+    /// What arrives along some directions at the vertices of each set; each has layers of its own
+    /// if cells send more light some ways than others.
     fn pass(
         &self,
         layers: Option<&SourceLayers>,

@@ -6,10 +6,9 @@
 //! medium come from the probes of the far field, at each vertex, so that they keep their parallax.
 //!
 //! A lone medium is swept layer by layer of cells (`layered`, `cells`), all rays of a direction at
-//! once, and so is a thin one with others on its grid alone; one with surfaces or other media in its
-//! box ray by ray through its lvoxels (`rays`), whose
-//! rows `rows` interpolates. `weights` tell what of each direction's light a phase function scatters
-//! towards the camera.
+//! once, and so is a thin one with others on its grid alone; one with surfaces or other media in
+//! its box ray by ray through its lvoxels (`rays`), whose rows `rows` interpolates. `weights` tell
+//! what of each direction's light a phase function scatters towards the camera.
 
 mod cells;
 mod layered;

@@ -46,8 +46,8 @@ impl ScatteringWeights {
     }
 
     /// The same as means of the phase function itself, not of a narrower one, which has less light
-    /// scatter to the sides and back: where light comes from all sides, and for what leaves a medium
-    /// after it has scattered once.
+    /// scatter to the sides and back: where light comes from all sides, and for what leaves a
+    /// medium after it has scattered once.
     pub fn unsharpened(phase: PhaseFunction, field: &FarField) -> Option<Self> {
         Self::of_means(phase, phase, field)
     }

@@ -1,13 +1,13 @@
-//! One page of HTML to look into a file with: tables for all kinds of files, a view of the points of
-//! clouds and trees, the layers of images. It needs nothing but itself.
+//! One page of HTML to look into a file with: tables for all kinds of files, a view of the points
+//! of clouds and trees, the layers of images. It needs nothing but itself.
 //!
 //! In: a description of a file, and the file. Out: the page. The same file gives the same page.
 //!
 //! - `tables`: descriptions as tables. `data`: what scripts read.
 //! - `sample`: points of a cloud or a tree, evenly chosen; `encode`: their bytes; `map`: pages.
 //! - `layers`: values of an image.
-//! - `page.html`, `page.css`: the frame; `page.js`: what scripts share; `view.js`: points in WebGL2;
-//!   `charts.js`: page map and histograms; `picture.js`: layers and the pixel probe.
+//! - `page.html`, `page.css`: the frame; `page.js`: what scripts share; `view.js`: points in
+//!   WebGL2; `charts.js`: page map and histograms; `picture.js`: layers and the pixel probe.
 
 mod data;
 mod encode;

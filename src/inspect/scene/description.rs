@@ -14,8 +14,8 @@ pub struct SceneDescription {
     pub scene_hash: String,
     /// The files that were read, that of the scene first.
     pub files: Vec<ReadFile>,
-    /// The packed scene that its surfaces and volumes are those of; what it holds of these is told of
-    /// that file.
+    /// The packed scene that its surfaces and volumes are those of; what it holds of these is told
+    /// of that file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub packed: Option<String>,
     /// All triangles.

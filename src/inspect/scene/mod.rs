@@ -18,9 +18,9 @@ pub use description::{
 use glam::{DVec3, Vec3};
 use std::path::Path;
 
-/// Reads a scene, mesh or volume file as rendering does by these settings, and describes it; `None` if the name of
-/// the file is that of another kind. Warnings are in it; those before an error go to the job's
-/// progress.
+/// Reads a scene, mesh or volume file as rendering does by these settings, and describes it; `None`
+/// if the name of the file is that of another kind. Warnings are in it; those before an error go to
+/// the job's progress.
 ///
 /// # Errors
 /// As [`Scene::load`]: a file that could not be rendered.

@@ -169,11 +169,11 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     Ok(Sums::new(region, settings.strands, origin))
 }
 
-/// Renders into an OpenEXR or NumPy file of 32-bit floats, with the variance of each pixel's mean in the
-/// layer `variance`. Sums are kept beside it ([`sums_path`]); a later run with more samples or time
-/// goes on from there, with the same result as one run would have had; [`Start::Afresh`] replaces
-/// them. On a stop what is there is written before the error is returned; an image only if every
-/// pixel has a sample.
+/// Renders into an OpenEXR or NumPy file of 32-bit floats, with the variance of each pixel's mean
+/// in the layer `variance`. Sums are kept beside it ([`sums_path`]); a later run with more samples
+/// or time goes on from there, with the same result as one run would have had; [`Start::Afresh`]
+/// replaces them. On a stop what is there is written before the error is returned; an image only if
+/// every pixel has a sample.
 ///
 /// # Errors
 /// A setting out of range, kept sums of other settings, an output that cannot be written, or a stop
@@ -431,8 +431,8 @@ fn accumulate_before(
     Ok(())
 }
 
-/// A ray through a pixel, of the film's top left corner: at a point of its square, of the lens, and at a
-/// moment.
+/// A ray through a pixel, of the film's top left corner: at a point of its square, of the lens, and
+/// at a moment.
 pub fn camera_ray(
     camera: &Camera,
     film: &Film,

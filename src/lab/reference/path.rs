@@ -167,8 +167,8 @@ impl<'a> PathTracer<'a> {
         }
     }
 
-    /// What a segment of a path runs into: the first is that of a camera, which passes what it does not
-    /// see.
+    /// What a segment of a path runs into: the first is that of a camera, which passes what it does
+    /// not see.
     fn met(&self, ray: &Ray, lobe_pdf: f32) -> Option<Hit> {
         match lobe_pdf.is_infinite() {
             true => self.triangles.closest_seen(ray, self.scene),

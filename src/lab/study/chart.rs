@@ -182,8 +182,8 @@ fn draw_mark(area: &Area<'_>, at: Place, series: &Series, is_bound: bool) -> Res
     Ok(())
 }
 
-/// Draws lines, bars and points of all series, and then the numbers of points that have names, where
-/// they cover no point and no other number.
+/// Draws lines, bars and points of all series, and then the numbers of points that have names,
+/// where they cover no point and no other number.
 fn draw_series(area: &Area<'_>, plane: &Plane<'_>, series: &[&Series]) -> Result<(), Failure> {
     let on_page = |x: f64, y: f64| plane.plotting_area().map_coordinate(&(x, y));
     let mut taken: Vec<[i32; 4]> = Vec::new();

@@ -7,8 +7,8 @@ use std::path::Path;
 
 /// Bytes of the largest table.
 const MAX_BYTES: u64 = 16 << 20;
-/// Reads a table with a line for each point, and a header that names `name`, `seconds` and `relmse`;
-/// `flip` and `pdiff` may be there, and what else is left out.
+/// Reads a table with a line for each point, and a header that names `name`, `seconds` and
+/// `relmse`; `flip` and `pdiff` may be there, and what else is left out.
 ///
 /// # Errors
 /// [`crate::Kind::Input`] with the line of what is missing or no number.

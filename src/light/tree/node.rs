@@ -186,7 +186,8 @@ impl Node {
         })
     }
 
-    // The parts of this are inlined: by themselves they cost scenes of many lights a fifth more time.
+    // The parts of this are inlined: by themselves they cost scenes of many lights a fifth more
+    // time.
 
     /// How the group stands above the horizons of both normals; `None` if it is below one.
     #[inline(always)]

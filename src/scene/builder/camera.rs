@@ -109,8 +109,8 @@ impl CameraInput {
         })
     }
 
-    /// Gives it a thin lens: radius of its opening, 0 for a pinhole, and the distance along its axis
-    /// of what is sharp. Keys that have a lens keep theirs.
+    /// Gives it a thin lens: radius of its opening, 0 for a pinhole, and the distance along its
+    /// axis of what is sharp. Keys that have a lens keep theirs.
     #[must_use]
     pub fn lens(mut self, aperture: f32, focus_distance: f32) -> Self {
         let lens = Lens::new(aperture, focus_distance);
@@ -124,8 +124,8 @@ impl CameraInput {
         self
     }
 
-    /// Keeps its shutter open from one time to another, in frames from the number of the one that is
-    /// taken: what moves by the keys of the camera is blurred.
+    /// Keeps its shutter open from one time to another, in frames from the number of the one that
+    /// is taken: what moves by the keys of the camera is blurred.
     #[must_use]
     pub fn shutter(mut self, open: f64, close: f64) -> Self {
         self.shutter = Some([open, close]);

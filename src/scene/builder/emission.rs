@@ -1,5 +1,5 @@
-//! Triangles with a texture of emission that is black all over them: they get a material that sends no
-//! light, so that lamps of a car or lit windows of a town cost what they cover.
+//! Triangles with a texture of emission that is black all over them: they get a material that sends
+//! no light, so that lamps of a car or lit windows of a town cost what they cover.
 
 use super::masks::{Range, drop_unused, range_within};
 use crate::Result;
@@ -7,8 +7,8 @@ use crate::run::Cancel;
 use crate::scene::{Material, Mesh, Texture};
 use rayon::prelude::*;
 
-/// Gives triangles that a texture leaves no light a material without emission, and takes textures off
-/// materials that emit nothing in any case. Textures that no material needs any longer go, too.
+/// Gives triangles that a texture leaves no light a material without emission, and takes textures
+/// off materials that emit nothing in any case. Textures that no material needs any longer go, too.
 ///
 /// # Errors
 /// A stop on request.
@@ -107,8 +107,8 @@ mod tests {
     use super::*;
     use glam::{Vec2, Vec3};
 
-    /// Two triangles that show the left and the right half of a texture of which the right is lit, in
-    /// its first channel alone.
+    /// Two triangles that show the left and the right half of a texture of which the right is lit,
+    /// in its first channel alone.
     fn pair() -> (Mesh, Vec<Material>, Vec<Texture>) {
         let lit = |x: usize| [if x < 8 { 0.0 } else { 1e-6 }, 0.0, 0.0];
         let texture = Texture::new(16, 16, (0..256).map(|i| lit(i % 16)).collect());

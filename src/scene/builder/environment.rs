@@ -19,8 +19,9 @@ pub(super) enum EnvironmentParts {
 }
 
 impl EnvironmentInput {
-    /// Suns in the image become directional lights: connected texels, no more than 3 degrees across,
-    /// over 50 times as bright as the ring around them. What the camera sees stays as it is.
+    /// Suns in the image become directional lights: connected texels, no more than 3 degrees
+    /// across, over 50 times as bright as the ring around them. What the camera sees stays as it
+    /// is.
     #[must_use]
     pub fn new(image: EnvironmentImage) -> Self {
         Self {

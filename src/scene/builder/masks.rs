@@ -1,5 +1,5 @@
-//! What of masked triangles is known before any ray: those that are nowhere there go, and those that
-//! are everywhere there need no mask.
+//! What of masked triangles is known before any ray: those that are nowhere there go, and those
+//! that are everywhere there need no mask.
 
 use crate::Result;
 use crate::run::Cancel;

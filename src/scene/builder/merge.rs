@@ -178,8 +178,8 @@ impl Lists {
         Ok(())
     }
 
-    /// Appends a mesh in its own space, moved to the origin if it is far from that. Returns where it
-    /// is, and what was its origin.
+    /// Appends a mesh in its own space, moved to the origin if it is far from that. Returns where
+    /// it is, and what was its origin.
     fn add_prototype(
         &mut self,
         input: MeshInput,

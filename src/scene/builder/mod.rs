@@ -1,9 +1,11 @@
 //! A scene in the making: everything in world space and f64.
 //!
 //! In comes what readers of files or applications hand over ([`CameraInput`], [`MeshInput`],
-//! [`LightInput`], [`EnvironmentInput`], [`VolumeInput`], [`EmissiveInput`]); out comes a checked [`Scene`] near the origin, in f32.
+//! [`LightInput`], [`EnvironmentInput`], [`VolumeInput`], [`EmissiveInput`]); out comes a checked
+//! [`Scene`] near the origin, in f32.
 //!
-//! - `camera`, `light`, `environment`, `mesh`, `volume`, `emissive`: what is handed over, and the checks of each
+//! - `camera`, `light`, `environment`, `mesh`, `volume`, `emissive`: what is handed over, and the
+//!   checks of each
 //! - `bounds`: the box around all, and the exposure that fits it
 //! - `copies`: meshes that stand at many places
 //! - `merge`: all meshes joined to the one of the scene, triangles without area dropped
@@ -154,9 +156,9 @@ impl SceneBuilder {
         self
     }
 
-    /// Adds a mesh that stands at the places of these maps to the world, each of which is invertible.
-    /// Its triangles, and what finds those along rays, are kept once. Where it emits light it is as if
-    /// each place had a mesh of its own.
+    /// Adds a mesh that stands at the places of these maps to the world, each of which is
+    /// invertible. Its triangles, and what finds those along rays, are kept once. Where it emits
+    /// light it is as if each place had a mesh of its own.
     #[must_use]
     pub fn instances(
         self,

@@ -36,12 +36,12 @@ impl VolumeInput {
     const MOST_OF_EACH: usize = 16;
     const MOST_OF_ALL: usize = 1 << 24;
 
-    /// The same medium on voxels that are nearly cubes, if it is dense: layers are put between those of
-    /// scans in thick slices. Blocks of voxels are as deep as they are long, and what is deep is
-    /// divided into single ones, whatever their width.
+    /// The same medium on voxels that are nearly cubes, if it is dense: layers are put between
+    /// those of scans in thick slices. Blocks of voxels are as deep as they are long, and what is
+    /// deep is divided into single ones, whatever their width.
     ///
-    /// By odd numbers, so that each voxel keeps its value and the light sees the same medium. Media on one
-    /// grid stay so. Notes what was divided.
+    /// By odd numbers, so that each voxel keeps its value and the light sees the same medium. Media
+    /// on one grid stay so. Notes what was divided.
     pub(super) fn on_even_voxels(all: Vec<Self>, notes: &mut Vec<String>) -> Vec<Self> {
         let parts: Vec<_> = all.iter().map(Self::parts_of_voxels).collect();
         let of_grid = |of: &Self| {
@@ -154,8 +154,8 @@ impl VolumeInput {
         }
     }
 
-    /// The same medium with an extinction of its own for red, green and blue: so many times `sigma_t`
-    /// each, in `[0,1]` and one of them 1.
+    /// The same medium with an extinction of its own for red, green and blue: so many times
+    /// `sigma_t` each, in `[0,1]` and one of them 1.
     #[must_use]
     pub fn extinction_color(self, extinction_color: [f32; 3]) -> Self {
         Self {
@@ -164,9 +164,9 @@ impl VolumeInput {
         }
     }
 
-    /// The same medium with a single-scattering albedo of its own for each voxel, red, green and blue,
-    /// each in `[0,1]`: on grids of as many voxels as that of the extinction. They matter where
-    /// that is not 0, and between such voxels and their neighbours.
+    /// The same medium with a single-scattering albedo of its own for each voxel, red, green and
+    /// blue, each in `[0,1]`: on grids of as many voxels as that of the extinction. They matter
+    /// where that is not 0, and between such voxels and their neighbours.
     #[must_use]
     pub fn albedo_grid(self, channels: [Grid; 3]) -> Self {
         let albedo_grid = AlbedoGrid::new(channels.map(Into::into));

@@ -20,8 +20,8 @@ use std::{f64, fmt};
 /// that. Radiance is bilinear between the middles of texels, and that of the first and last row up
 /// to the poles.
 ///
-/// Suns that were taken out of it still stand in what is seen of it, but no longer in the light that
-/// it sends.
+/// Suns that were taken out of it still stand in what is seen of it, but no longer in the light
+/// that it sends.
 #[derive(Clone)]
 pub struct EnvironmentImage {
     width: u32,
@@ -58,7 +58,8 @@ impl EnvironmentImage {
     /// An image of linear RGB, row by row from the top.
     ///
     /// # Errors
-    /// An image that is not twice as wide as it is high, or whose texels are not numbers of at least
+    /// An image that is not twice as wide as it is high, or whose texels are not numbers of at
+    /// least
     /// 0.
     pub fn new(width: u32, height: u32, texels: Vec<[f32; 3]>) -> Result<Self> {
         Self::of(width, height, texels.into())
@@ -217,8 +218,8 @@ impl EnvironmentImage {
         self.bilinear(direction, |texel| self.lit_texel(texel))
     }
 
-    /// Radiance that is seen around a unit direction of scene space within an angle: a mean over all
-    /// texels there, if they are many.
+    /// Radiance that is seen around a unit direction of scene space within an angle: a mean over
+    /// all texels there, if they are many.
     #[must_use]
     pub fn seen_within(&self, direction: Vec3, angle: f32) -> Rgb {
         let texel = PI / self.height as f32;

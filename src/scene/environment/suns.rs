@@ -39,10 +39,10 @@ struct Part {
 }
 
 impl EnvironmentImage {
-    /// The image with its suns taken out, and these: connected texels over 50 times as bright as the
-    /// ring around them, and no more than 3 degrees across, send what they have beyond the mean of
-    /// the ring from a disk of the same direction, irradiance and second moment. In their place is
-    /// the mean of the ring.
+    /// The image with its suns taken out, and these: connected texels over 50 times as bright as
+    /// the ring around them, and no more than 3 degrees across, send what they have beyond the mean
+    /// of the ring from a disk of the same direction, irradiance and second moment. In their place
+    /// is the mean of the ring.
     #[must_use]
     pub(in crate::scene) fn without_suns(self) -> (Self, Vec<ImageSun>) {
         let all = PI * f64::from(self.mean().mean());
@@ -197,8 +197,8 @@ impl EnvironmentImage {
         }
     }
 
-    /// The connected texels around one that are so much brighter than a ring; `None` if they are too
-    /// many for a sun.
+    /// The connected texels around one that are so much brighter than a ring; `None` if they are
+    /// too many for a sun.
     fn part_around(&self, seed: usize, ring: [f64; 3]) -> Option<Part> {
         let scaled = |i: usize| ring[i] * f64::from(self.scale[i]);
         let least = OVER_RING * (scaled(0) + scaled(1) + scaled(2));

@@ -1,10 +1,11 @@
-//! Grids whose bricks are on levels of their own: where a field is smooth, or finer than anyone looks
-//! at it, cells of a brick are 2, 4 or 8 voxels wide, and its samples are as many times fewer.
+//! Grids whose bricks are on levels of their own: where a field is smooth, or finer than anyone
+//! looks at it, cells of a brick are 2, 4 or 8 voxels wide, and its samples are as many times
+//! fewer.
 //!
-//! The samples of such a brick are values of its level of the pyramid at the corners of its cells, and
-//! so are the same in all bricks of that level that share them. A brick on voxels takes the samples
-//! that are of a coarse brick before it from there. Else fields have steps between bricks on unlike
-//! levels, as small as their errors.
+//! The samples of such a brick are values of its level of the pyramid at the corners of its cells,
+//! and so are the same in all bricks of that level that share them. A brick on voxels takes the
+//! samples that are of a coarse brick before it from there. Else fields have steps between bricks
+//! on unlike levels, as small as their errors.
 
 use super::brick::{MAX_BRICK_LEVEL, samples_at};
 use super::stored_errors::StoredErrors;
@@ -22,7 +23,8 @@ pub type Errors = [f32; MAX_BRICK_LEVEL];
 pub struct Allowed {
     /// The coarsest whose cells are too small to be told.
     pub unseen: usize,
-    /// The largest sample, times the voxels along an edge of a cell, of a brick that is coarse for that.
+    /// The largest sample, times the voxels along an edge of a cell, of a brick that is coarse for
+    /// that.
     pub depth: f32,
     /// The largest error of a sample, in the unit of samples, of a brick that is coarser.
     pub error: f32,
@@ -50,8 +52,8 @@ struct Choice<'a, A, E> {
     bricks: [usize; 3],
     coarser: &'a [VolumeGrid],
     allowed: A,
-    /// The error of a brick, by its place, on a coarser level, or any above the last number; `None` of
-    /// bricks without samples of their own.
+    /// The error of a brick, by its place, on a coarser level, or any above the last number; `None`
+    /// of bricks without samples of their own.
     error: E,
 }
 
@@ -90,8 +92,9 @@ where
     }
 }
 
-/// Whether more than three quarters of the bricks that have samples may be on coarser levels, by one of
-/// 64: `found` tells the largest of a brick's own samples, and its error on level 1 as that of [`Choice`].
+/// Whether more than three quarters of the bricks that have samples may be on coarser levels, by
+/// one of 64: `found` tells the largest of a brick's own samples, and its error on level 1 as that
+/// of [`Choice`].
 fn pays(
     bricks: [usize; 3],
     allowed: impl Fn([usize; 3]) -> Allowed + Sync,
@@ -116,9 +119,9 @@ fn pays(
 }
 
 impl VolumeGrid {
-    /// The same grid with each brick on a level that `allowed` says of its place; `None` if that makes
-    /// too few coarser to pay. Its coarser levels are those of this one. Of one that is stored with the
-    /// errors of its bricks no more is read than that takes.
+    /// The same grid with each brick on a level that `allowed` says of its place; `None` if that
+    /// makes too few coarser to pay. Its coarser levels are those of this one. Of one that is
+    /// stored with the errors of its bricks no more is read than that takes.
     ///
     /// # Errors
     /// Damage of the file, no memory for the grid, or a stop on request.
@@ -148,8 +151,8 @@ impl VolumeGrid {
         Grid::unpack_on(&levels, known, stored.entries, stored.read).map(Some)
     }
 
-    /// Bytes that it takes as [`VolumeGrid::adapted`] makes it, about; `None` if it is not stored with
-    /// the errors of its bricks, or they are not worth it. None is read for it.
+    /// Bytes that it takes as [`VolumeGrid::adapted`] makes it, about; `None` if it is not stored
+    /// with the errors of its bricks, or they are not worth it. None is read for it.
     pub fn adapted_bytes(&self, allowed: impl Fn([usize; 3]) -> Allowed + Sync) -> Option<usize> {
         let stored = self.in_file().filter(|_| !self.is_adapted())?;
         let errors = StoredErrors::new(&stored, self.dims()).ok()?;
@@ -228,7 +231,8 @@ impl VolumeGrid {
         Ok(BrickLevels { of, coarser })
     }
 
-    /// The errors of bricks on its three coarser levels, in the order of their entries. All are read.
+    /// The errors of bricks on its three coarser levels, in the order of their entries. All are
+    /// read.
     ///
     /// # Errors
     /// As [`VolumeGrid::ready`].

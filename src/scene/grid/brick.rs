@@ -123,8 +123,8 @@ impl Brick<'_> {
         })
     }
 
-    /// A cell of the brick, by coordinates below [`BRICK_CELLS`] over 2^`level`; faster for who knows
-    /// that the level is 0.
+    /// A cell of the brick, by coordinates below [`BRICK_CELLS`] over 2^`level`; faster for who
+    /// knows that the level is 0.
     #[must_use]
     #[inline(always)]
     pub fn cell<const ON_VOXELS: bool>(&self, c: [usize; 3]) -> Cell {

@@ -4,8 +4,8 @@ use super::brick::{Brick, edge_at, samples_at};
 use super::{BRICK_CELLS, BRICK_EDGE, Grid, VoxelBox};
 use wide::f32x8;
 
-/// Weights of four samples of a level in a sample of a brick on it, along an axis, the second of which
-/// is the nearest before.
+/// Weights of four samples of a level in a sample of a brick on it, along an axis, the second of
+/// which is the nearest before.
 ///
 /// Means over voxels, and what is interpolated in them, are blurred: a sample is the value there,
 /// `3/4` of the second and `1/4` of the third for cells of two voxels, less a share of the second
@@ -28,8 +28,8 @@ const WIDEST: usize = edge_at(1) + 3;
 /// As many, for which eight samples begin at each of the first four.
 const PADDED: usize = WIDEST + 4;
 
-/// The samples of a level that those of a brick on it are made of: from the last before it along each
-/// axis on, x innermost; those behind the last of a row are any.
+/// The samples of a level that those of a brick on it are made of: from the last before it along
+/// each axis on, x innermost; those behind the last of a row are any.
 type Around = [[[f32; PADDED]; WIDEST]; WIDEST];
 
 /// Eight samples from a place of a list on, along x.
@@ -46,8 +46,8 @@ fn filtered_rows(taps: [f32x8; 4], rows: [f32x8; 4]) -> f32x8 {
     (b + c) + (a + d)
 }
 
-/// Writes the samples of a brick on a level, none above `most`; returns the largest. Rows along x are
-/// made whole, with any samples behind those of the brick.
+/// Writes the samples of a brick on a level, none above `most`; returns the largest. Rows along x
+/// are made whole, with any samples behind those of the brick.
 fn write_filtered<const LEVEL: usize>(around: &Around, most: f32, out: &mut [f32]) -> f32 {
     let edge = const { edge_at(LEVEL) };
     let width = edge + 3;
@@ -100,7 +100,8 @@ impl Across {
         }
     }
 
-    /// The row that begins at a place of the samples of both bricks; those that are not there are 0.
+    /// The row that begins at a place of the samples of both bricks; those that are not there are
+    /// 0.
     #[inline(always)]
     fn row(&self, bricks: [Option<&[f32]>; 2], from: usize) -> f32x8 {
         let [first, second] = bricks;
@@ -120,8 +121,8 @@ impl Across {
 }
 
 impl Grid {
-    /// Writes the samples of the brick at `b` of a grid of which this one is the level `level`, none above
-    /// `most`; returns the largest.
+    /// Writes the samples of the brick at `b` of a grid of which this one is the level `level`,
+    /// none above `most`; returns the largest.
     pub(super) fn write_coarse(
         &self,
         level: usize,
@@ -188,9 +189,9 @@ impl Grid {
         write_filtered::<LEVEL>(&around, most, out)
     }
 
-    /// The largest of the own samples of the brick at `b`, and its largest error on level 1, or any above
-    /// `most`, without that level, none of whose samples is above `most_of_all`. `None` if it has no
-    /// samples of its own.
+    /// The largest of the own samples of the brick at `b`, and its largest error on level 1, or any
+    /// above `most`, without that level, none of whose samples is above `most_of_all`. `None` if it
+    /// has no samples of its own.
     pub(super) fn error_on_first(
         &self,
         b: [usize; 3],

@@ -6,8 +6,8 @@
 //!
 //! Cell space is index space plus 1/2: cell c lies between samples c-1 and c, so all knees of the
 //! field are at integers. A brick holds 8^3 cells with their 9^3 corner samples, or fewer and wider
-//! ones in grids that were adapted, so a cell never needs a second brick; bricks whose samples are all
-//! zero are not stored.
+//! ones in grids that were adapted, so a cell never needs a second brick; bricks whose samples are
+//! all zero are not stored.
 //!
 //! - `adapted`: grids whose bricks are on levels of their own
 //! - `brick`: a brick and its cells
@@ -163,8 +163,8 @@ impl Grid {
         }
     }
 
-    /// Another grid of as many voxels, with samples in the bricks that this one stores. `read` is as
-    /// for [`Layout::fill`].
+    /// Another grid of as many voxels, with samples in the bricks that this one stores. `read` is
+    /// as for [`Layout::fill`].
     pub(super) fn on_its_bricks<T: Send, E: Send>(
         &self,
         read: impl Fn(&Region, &mut [f32]) -> Result<T, E> + Sync,
@@ -280,8 +280,8 @@ impl Grid {
         (0..dims.iter().product()).map(move |i| unflatten(i, dims))
     }
 
-    /// The brick at brick coordinates, if any of its samples is not zero; in grids that were adapted some
-    /// may be there of which all are.
+    /// The brick at brick coordinates, if any of its samples is not zero; in grids that were
+    /// adapted some may be there of which all are.
     #[must_use]
     #[inline]
     pub fn brick(&self, b: [usize; 3]) -> Option<Brick<'_>> {

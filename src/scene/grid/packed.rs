@@ -194,9 +194,9 @@ impl Grid {
         Ok(grid)
     }
 
-    /// A grid of bricks on levels, those on voxels 0 yet, and the places of these, x fastest, as slots
-    /// have them. Bricks that are `marked` are stored, and others on coarser levels that have samples
-    /// there.
+    /// A grid of bricks on levels, those on voxels 0 yet, and the places of these, x fastest, as
+    /// slots have them. Bricks that are `marked` are stored, and others on coarser levels that have
+    /// samples there.
     fn on_levels(
         levels: &BrickLevels,
         known: Known,
@@ -282,8 +282,8 @@ impl Grid {
     }
 }
 
-/// Which bricks have samples of their own or, on voxels, share any with those before them: 0 for these,
-/// [`ABSENT`] for others.
+/// Which bricks have samples of their own or, on voxels, share any with those before them: 0 for
+/// these, [`ABSENT`] for others.
 fn marked(levels: &BrickLevels, known: Known, entries: &[BrickEntry]) -> Result<Vec<u32>> {
     let bricks = brick_dims(known.dims);
     let count: usize = bricks.iter().product();

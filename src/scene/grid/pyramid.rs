@@ -1,8 +1,9 @@
 //! Levels of a grid: each the means of the one before over cubes of two voxels an edge.
 //!
 //! The mean of a cube is that of its voxels inside the grid, as f32, summed two and two: along x,
-//! then y, then z, `((a + b) + (c + d)) + ((e + f) + (g + h))`, times one over their number. A voxel
-//! that is not in the grid adds 0. So a level is the same whatever made it and in whatever order.
+//! then y, then z, `((a + b) + (c + d)) + ((e + f) + (g + h))`, times one over their number. A
+//! voxel that is not in the grid adds 0. So a level is the same whatever made it and in whatever
+//! order.
 
 use super::{BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Brick, Grid, Layout, VolumeGrid, VoxelBox};
 use std::convert::Infallible;
@@ -65,8 +66,8 @@ impl Grid {
         grid
     }
 
-    /// Writes a box of voxels of the next level, x fastest. The samples of each lie in one brick, as
-    /// this has those of its first corners, too, which are shared.
+    /// Writes a box of voxels of the next level, x fastest. The samples of each lie in one brick,
+    /// as this has those of its first corners, too, which are shared.
     pub(super) fn write_halved(&self, voxels: &VoxelBox, means: &mut [f32]) {
         const CELLS: usize = BRICK_CELLS / 2;
         means.fill(0.0);

@@ -1,5 +1,5 @@
-//! What a file says of the bricks of a grid, of which no sample is read: their errors on coarser levels,
-//! and the largest samples.
+//! What a file says of the bricks of a grid, of which no sample is read: their errors on coarser
+//! levels, and the largest samples.
 
 use super::{StoredBricks, brick_dims, flatten};
 use crate::Result;

@@ -175,8 +175,8 @@ impl<'a> Place<'_, 'a> {
         }
     }
 
-    /// An error for a part of the key that names no entry of a list: of a list of tables it may be a
-    /// key of these.
+    /// An error for a part of the key that names no entry of a list: of a list of tables it may be
+    /// a key of these.
     fn missing_entry(
         &self,
         depth: usize,

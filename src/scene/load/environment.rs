@@ -159,8 +159,8 @@ impl ImageWindow {
     }
 }
 
-/// Takes colours of other primaries to those of Rec. 709, of the same chromaticity: white points are
-/// not adapted to each other.
+/// Takes colours of other primaries to those of Rec. 709, of the same chromaticity: white points
+/// are not adapted to each other.
 fn to_rec709(found: [[f32; 2]; 4], texels: &mut [[f32; 3]]) {
     /// Of what files write as Rec. 709.
     const ROUNDING: f32 = 2e-3;
@@ -184,7 +184,8 @@ fn xyz_from_rgb(chromaticities: [[f32; 2]; 4]) -> Mat3 {
     primaries * Mat3::from_diagonal(primaries.inverse() * white)
 }
 
-/// Takes what is a little negative, as filters leave it beside what is bright, for black, and says so.
+/// Takes what is a little negative, as filters leave it beside what is bright, for black, and says
+/// so.
 fn without_ringing(texels: &mut [[f32; 3]], files: &mut Files) {
     /// Of the brightest.
     const LITTLE: f32 = 0.01;

@@ -16,7 +16,8 @@ pub(super) enum ImagePart {
     Alpha,
 }
 
-/// Hash of the content of an image file, what kind of file it is taken for, and what is taken of it.
+/// Hash of the content of an image file, what kind of file it is taken for, and what is taken of
+/// it.
 pub(super) type ImageKey = ([u8; 32], Option<ImageFormat>, ImagePart);
 
 /// Images of a scene that were decoded so far.

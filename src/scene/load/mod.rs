@@ -4,14 +4,15 @@
 
 // In come paths; out comes a `SceneBuilder` that is filled, and what the user should know.
 //
-// - `description`: the scene file, its `light`s, its `volume`s, a packed scene in place of these; with
-//   `table` (typed access to TOML), `nearest` (words that may have been meant) and `transform`
+// - `description`: the scene file, its `light`s, its `volume`s, a packed scene in place of these;
+//   with `table` (typed access to TOML), `nearest` (words that may have been meant) and `transform`
 //   (placement)
 // - `obj` with `mtl`, `ply`, `gltf`, `builtin`: meshes, each as a `MeshInput`
 // - `mitsuba`: scenes of Mitsuba in XML
-// - `vdb`, `nrrd`, `nifti`, `metaimage`, `raw`, `vol`, `builtin`: volumes, each as a `field::Field`,
-//   which becomes a grid; with `unpack` (bytes), `samples` (boxes of values), `scale` and `transfer`
-//   (extinctions of values, presets), `survey` (what is wrong with them) and `patient` (axes)
+// - `vdb`, `nrrd`, `nifti`, `metaimage`, `raw`, `vol`, `builtin`: volumes, each as a
+//   `field::Field`, which becomes a grid; with `unpack` (bytes), `samples` (boxes of values),
+//   `scale` and `transfer` (extinctions of values, presets), `survey` (what is wrong with them) and
+//   `patient` (axes)
 // - `environment`: images of the sky
 // - `polygon`: cuts the faces of OBJ and PLY; `texture`: images; `normals`: shading normals at a
 //   crease angle
@@ -19,7 +20,8 @@
 //   by `layers`; `suggest` and `depth`: what to write of them, and what to warn of
 // - `groups`: groups of lights
 // - `files`: reads and hashes files and collects warnings; `images`: those that were decoded;
-//   `left_out`: what to tell of them; `changes`: values of a scene file that are changed as it is read
+//   `left_out`: what to tell of them; `changes`: values of a scene file that are changed as it is
+//   read
 
 mod albedo;
 mod builtin;
@@ -86,14 +88,14 @@ pub struct Settings {
     /// of their own, links followed. What the scene file names may be anywhere. What may not be
     /// read is taken as not there: a texture or materials with a warning, data with an error.
     pub allow_outside: bool,
-    /// The frame to read: cameras that move are where they are in that, and names of files in a scene file
-    /// may have tokens for its number, as `####`.
+    /// The frame to read: cameras that move are where they are in that, and names of files in a
+    /// scene file may have tokens for its number, as `####`.
     pub frame: Option<i32>,
-    /// Values in place of those of the scene file, one after the other. The hash of the scene is over
-    /// them, too.
+    /// Values in place of those of the scene file, one after the other. The hash of the scene is
+    /// over them, too.
     pub changes: Vec<Change>,
-    /// The group of lights that lights the scene alone; `None` for all. [`DEFAULT_GROUP`] is that of
-    /// lights that are in no group. The hash of the scene is over it, too.
+    /// The group of lights that lights the scene alone; `None` for all. [`DEFAULT_GROUP`] is that
+    /// of lights that are in no group. The hash of the scene is over it, too.
     pub group: Option<String>,
 }
 
@@ -110,8 +112,9 @@ impl Default for Settings {
 }
 
 impl Scene {
-    /// Reads and checks a scene: a `.toml` scene file, a Mitsuba scene (`.xml`), a `.gltf` or `.glb` by itself, or a packed
-    /// scene (`.lvp`). What the caller should know is in its `warnings`. [`load`](crate::scene::load) describes scene files.
+    /// Reads and checks a scene: a `.toml` scene file, a Mitsuba scene (`.xml`), a `.gltf` or
+    /// `.glb` by itself, or a packed scene (`.lvp`). What the caller should know is in its
+    /// `warnings`. [`load`](crate::scene::load) describes scene files.
     ///
     /// # Errors
     /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file
@@ -120,8 +123,8 @@ impl Scene {
         Self::load_until(path, &Settings::default(), &Cancel::default())
     }
 
-    /// Reads and checks a scene as [`Scene::load`] does, but by these settings, stops when the job is
-    /// cancelled, and hands warnings to the job's progress, too.
+    /// Reads and checks a scene as [`Scene::load`] does, but by these settings, stops when the job
+    /// is cancelled, and hands warnings to the job's progress, too.
     ///
     /// # Errors
     /// As [`Scene::load`], and if cancelled.
@@ -179,8 +182,8 @@ pub fn is_packed(path: &Path) -> bool {
     files::extension(path) == "lvp"
 }
 
-/// The packed scene that a file is, or that a scene file takes its surfaces and volumes from; `None`
-/// for others.
+/// The packed scene that a file is, or that a scene file takes its surfaces and volumes from;
+/// `None` for others.
 ///
 /// # Errors
 /// A scene file that cannot be read as far as it names one.

@@ -41,7 +41,8 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Mes
     Ok(MeshInput::new(&name, corners.positions, corners.triangles))
 }
 
-/// The number of triangles of a binary file; `None` if it is text. Binary ones may begin as text does.
+/// The number of triangles of a binary file; `None` if it is text. Binary ones may begin as text
+/// does.
 fn count_of_binary(content: &[u8]) -> Option<usize> {
     let count = content.get(HEADER - 4..HEADER)?;
     let count = u32::from_le_bytes(count.try_into().ok()?) as usize;

@@ -28,8 +28,8 @@ impl Default for Survey {
 }
 
 impl Survey {
-    /// Adds a row of voxels that begins with the number `first`. `sigma_t` of a value between two is
-    /// between those of both.
+    /// Adds a row of voxels that begins with the number `first`. `sigma_t` of a value between two
+    /// is between those of both.
     pub(super) fn add_row(&mut self, first: usize, row: &[f32], sigma_t: impl Fn(f32) -> f32) {
         let ends = Ends::of(row);
         let is_right = |v: f32| v.is_finite() && sigma_t(v).is_finite() && sigma_t(v) >= 0.0;

@@ -1,10 +1,10 @@
 //! Presets of 3D Slicer's volume rendering (`.vp.json`): opacity and colour of values, as media.
 //!
 //! An opacity a over the unit distance d is an extinction of -ln(1 - a) / d. Colours, which are
-//! encoded as on screens, become albedos such that a thick layer looks so. Each colour of the preset
-//! is a medium; from one point to the next its share of the extinction goes over to the next.
-//! Alike ones are joined until there are few. Shading, lighting and opacity by gradients are left
-//! out.
+//! encoded as on screens, become albedos such that a thick layer looks so. Each colour of the
+//! preset is a medium; from one point to the next its share of the extinction goes over to the
+//! next. Alike ones are joined until there are few. Shading, lighting and opacity by gradients are
+//! left out.
 
 use super::colors::linear_from_srgb;
 use super::files::Files;

@@ -40,8 +40,8 @@ pub(super) fn from_keys(table: &Table<'_>) -> Result<DAffine3> {
     })
 }
 
-/// A turn about an axis of unit length. By hand: glam's sines are the platform's, and pixels must not
-/// depend on that.
+/// A turn about an axis of unit length. By hand: glam's sines are the platform's, and pixels must
+/// not depend on that.
 pub(super) fn about(axis: DVec3, degrees: f64) -> DQuat {
     let (sin, cos) = libm::sincos(0.5 * degrees.to_radians());
     DQuat::from_vec4((axis * sin).extend(cos))

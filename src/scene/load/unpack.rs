@@ -28,8 +28,8 @@ pub(super) struct Data {
 }
 
 impl Data {
-    /// The `expected` bytes of several files beside another, each of which has an equal share: `read` takes
-    /// what is in one, and that share.
+    /// The `expected` bytes of several files beside another, each of which has an equal share:
+    /// `read` takes what is in one, and that share.
     pub(super) fn of_files(
         names: &[String],
         path: &Path,

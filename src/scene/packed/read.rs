@@ -21,7 +21,8 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Opens a packed scene, at a frame if there is one: checks all that is used where it lies, and decodes the rest.
+/// Opens a packed scene, at a frame if there is one: checks all that is used where it lies, and
+/// decodes the rest.
 ///
 /// # Errors
 /// A file that is no whole packed scene, no memory for its volumes, or a stop on request.
@@ -36,8 +37,8 @@ pub fn read(path: &Path, frame: Option<i32>, texture_limit: u64, cancel: &Cancel
     scene.map_err(|e| e.at(path.display()))
 }
 
-/// Checks every column that is used where it lies; a tree and scattered light are checked by whoever
-/// reads them.
+/// Checks every column that is used where it lies; a tree and scattered light are checked by
+/// whoever reads them.
 fn check(packed: &PackedScene, cancel: &Cancel) -> Result<()> {
     let file = packed.file();
     let is_used =

@@ -380,8 +380,8 @@ fn volume(volume: &Volume, tables: &[BrickTable]) -> PackedVolume {
     }
 }
 
-/// Writes the columns of a scene, in the order of its description; those of files that a description
-/// adds come next.
+/// Writes the columns of a scene, in the order of its description; those of files that a
+/// description adds come next.
 ///
 /// # Errors
 /// As [`PackedWriter::column`], and if cancelled.

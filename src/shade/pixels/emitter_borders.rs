@@ -232,8 +232,8 @@ impl EmitterBorders {
         seen
     }
 
-    /// Rays to the part of each emitter in a pixel: fewer where many small triangles are parts of one
-    /// lamp, or lamps are many.
+    /// Rays to the part of each emitter in a pixel: fewer where many small triangles are parts of
+    /// one lamp, or lamps are many.
     fn rays_to_each(&self, x: u32, y: u32) -> u32 {
         /// Parts up to which each has all of them.
         const FEW: u32 = 4;

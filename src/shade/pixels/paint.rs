@@ -44,8 +44,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         (weight > 0.0).then(|| sum * (1.0 / weight))
     }
 
-    /// Mean of what pixel (x, y), whose corners are on one piece of surface, sends by itself; `None`
-    /// where that has no texture, or the corners tell it.
+    /// Mean of what pixel (x, y), whose corners are on one piece of surface, sends by itself;
+    /// `None` where that has no texture, or the corners tell it.
     pub fn emission_over(&self, x: u32, y: u32, corners: [&Sample<A::Passed>; 4]) -> Option<Rgb> {
         let scene = self.view.tracer.scene;
         if scene.textures.is_empty() {

@@ -229,8 +229,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         visibility.has_edge() || visibility.has_penumbra() || !self.end_alike(samples.iter())
     }
 
-    /// Whether all samples of a pixel end on the same piece of surface, or on none, and so does what
-    /// is between them.
+    /// Whether all samples of a pixel end on the same piece of surface, or on none, and so does
+    /// what is between them.
     pub fn end_alike<'s>(
         &self,
         mut samples: impl Iterator<Item = &'s Sample<A::Passed>> + Clone,
@@ -316,7 +316,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         pixel
     }
 
-    /// What a surface that a sample met sends to the camera by itself, unless that is told by borders.
+    /// What a surface that a sample met sends to the camera by itself, unless that is told by
+    /// borders.
     pub fn emission(&self, at: [u32; 2], sample: &Sample<A::Passed>, surface: &Surface) -> Rgb {
         let (scene, [x, y]) = (self.view.tracer.scene, at);
         let emission = surface.emission(scene, sample.triangle, -sample.direction);
@@ -326,8 +327,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
         }
     }
 
-    /// Adds a sample that hit a surface of the given direct and indirect irradiance behind media. Its
-    /// emission is its own, unless that `over_pixel` is known.
+    /// Adds a sample that hit a surface of the given direct and indirect irradiance behind media.
+    /// Its emission is its own, unless that `over_pixel` is known.
     pub fn add_surface(
         &self,
         pixel: &mut PixelSum,
@@ -416,8 +417,8 @@ impl<A: CameraMedia> PixelShader<'_, A> {
     }
 }
 
-/// Whether two rays of a pixel passed media alike, to a fiftieth; in each channel if those may differ
-/// where luminances do not.
+/// Whether two rays of a pixel passed media alike, to a fiftieth; in each channel if those may
+/// differ where luminances do not.
 fn alike<T: PassedMedia>(a: &T, b: &T, by_channel: bool) -> bool {
     let is_near = |a: f32, b: f32| (a - b).abs() <= 0.02 * (a + b);
     let apart = (a.transmittance() - b.transmittance()).each(f32::abs);

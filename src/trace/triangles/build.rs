@@ -81,9 +81,9 @@ impl<'a> TriangleBvh<'a> {
         }
     }
 
-    /// The hierarchy of triangles, by their places among all that are stored, the same for any number
-    /// of threads, with blocks that know their vertices or their corners; `go_on` is asked at each
-    /// split, and ends it with its error.
+    /// The hierarchy of triangles, by their places among all that are stored, the same for any
+    /// number of threads, with blocks that know their vertices or their corners; `go_on` is asked
+    /// at each split, and ends it with its error.
     pub(super) fn over<E: Send>(
         mesh: &'a Mesh,
         triangles: Range<u32>,
@@ -114,8 +114,8 @@ impl<'a> TriangleBvh<'a> {
     }
 }
 
-/// Triangles from which on blocks know their vertices: 24 bytes a triangle less count for more, there,
-/// than frames that take a seventh longer.
+/// Triangles from which on blocks know their vertices: 24 bytes a triangle less count for more,
+/// there, than frames that take a seventh longer.
 const LARGE: usize = 1 << 22;
 
 fn is_large(mesh: &Mesh) -> bool {

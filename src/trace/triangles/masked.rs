@@ -140,8 +140,8 @@ impl<'a> TriangleBvh<'a> {
     }
 }
 
-/// What [`TriangleBvh::closest_seen_and_masked`] finds, where a ray among what is no instance ends at
-/// a hit, and has `passed` a mask so far from its origin.
+/// What [`TriangleBvh::closest_seen_and_masked`] finds, where a ray among what is no instance ends
+/// at a hit, and has `passed` a mask so far from its origin.
 #[inline(never)]
 fn closest_among(
     instances: &InstanceBvh,
@@ -178,7 +178,8 @@ mod tests {
     use crate::scene::{Mask, Material, Mesh, Texture};
     use glam::{Vec2, Vec3};
 
-    /// Triangles all about the origin, of a material without a mask, one with a cut-off and a share.
+    /// Triangles all about the origin, of a material without a mask, one with a cut-off and a
+    /// share.
     fn confetti() -> Scene {
         let mut scene = Scene::without_picture();
         let number = |i: u32, k: u64| unit(hash(&[u64::from(i), k]));

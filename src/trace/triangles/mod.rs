@@ -2,11 +2,11 @@
 //! eight wide.
 //!
 //! `build` makes the nodes from the top down, `split` finds where triangles part; `slab_ray` is the
-//! test of a ray against boxes, `packet` the way of rays that go much the same way, `instances` finds
-//! meshes that are placed many times, `masked` is what else scenes with masks need, and `packed` is
-//! how the hierarchy lies in a packed scene. The crate `obvhs` builds and walks hierarchies, too, but
-//! slower (`cargo bench --bench rays`), leaks at edges that triangles share, and takes a time that is
-//! quadratic in triangles at one place.
+//! test of a ray against boxes, `packet` the way of rays that go much the same way, `instances`
+//! finds meshes that are placed many times, `masked` is what else scenes with masks need, and
+//! `packed` is how the hierarchy lies in a packed scene. The crate `obvhs` builds and walks
+//! hierarchies, too, but slower (`cargo bench --bench rays`), leaks at edges that triangles share,
+//! and takes a time that is quadratic in triangles at one place.
 
 mod build;
 mod instances;
@@ -122,8 +122,8 @@ impl Child {
         Self(index as u32)
     }
 
-    /// The same child where so many nodes stand before those that it was counted among, of which the
-    /// first is nobody's child.
+    /// The same child where so many nodes stand before those that it was counted among, of which
+    /// the first is nobody's child.
     fn behind(self, nodes: usize) -> Self {
         if self.is_leaf() || self == Self::default() {
             self
@@ -344,11 +344,11 @@ impl TriangleBvh<'_> {
     }
 }
 
-/// Whether triangles are there where rays meet them, as a type: code for scenes without masks does no
-/// work for any.
+/// Whether triangles are there where rays meet them, as a type: code for scenes without masks does
+/// no work for any.
 trait There {
-    /// Whether a triangle is there at barycentric weights of its second and third corner, where a ray
-    /// meets it that has come so far.
+    /// Whether a triangle is there at barycentric weights of its second and third corner, where a
+    /// ray meets it that has come so far.
     fn is_there(&self, triangle: u32, uv: [f32; 2], t: f32) -> bool;
 }
 

@@ -76,8 +76,8 @@ impl<'a> TriangleBvh<'a> {
         std::iter::once(self).chain(instances.flat_map(|i| i.prototypes()))
     }
 
-    /// Whether all triangles in leaves are those of a mesh, each once, and instances stand where their
-    /// boxes are.
+    /// Whether all triangles in leaves are those of a mesh, each once, and instances stand where
+    /// their boxes are.
     #[must_use]
     pub fn has_right_blocks(&self, mesh: &Mesh) -> bool {
         let mut is_seen = vec![false; mesh.triangles.len()];

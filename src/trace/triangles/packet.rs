@@ -27,8 +27,8 @@ pub(super) struct Member {
 }
 
 impl TriangleBvh<'_> {
-    /// Finds what [`Self::closest`] does for each ray of a packet, to the bit, without instances, where
-    /// triangles are there by these masks.
+    /// Finds what [`Self::closest`] does for each ray of a packet, to the bit, without instances,
+    /// where triangles are there by these masks.
     pub(super) fn closest_of_own_packet(
         &self,
         rays: &[Ray],

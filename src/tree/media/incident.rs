@@ -49,8 +49,8 @@ impl IncidentGrid<'_> {
         })
     }
 
-    /// [`Self::between`] of all cells of a brick, x first: each cell around and each corner is asked
-    /// for once.
+    /// [`Self::between`] of all cells of a brick, x first: each cell around and each corner is
+    /// asked for once.
     #[must_use]
     pub fn between_in_brick(&self, level: u8, brick: [usize; 3]) -> Vec<Option<Rgb>> {
         let edge = BRICK >> level;
@@ -68,8 +68,8 @@ impl IncidentGrid<'_> {
             .collect()
     }
 
-    /// The light in a cell `2^level` voxels wide: that of the lvoxel around it, or the mean of those
-    /// in it.
+    /// The light in a cell `2^level` voxels wide: that of the lvoxel around it, or the mean of
+    /// those in it.
     fn cell(&self, level: u8, cell: [usize; 3]) -> Option<Rgb> {
         let brick = self.brick(cell.map(|c| c << level))?;
         if brick.level < level {

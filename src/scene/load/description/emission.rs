@@ -74,8 +74,8 @@ impl<'a> EmissionTable<'a> {
         &self.table
     }
 
-    /// The volumes that light comes from: of a file or a grid of its own, or of the `known` fields of
-    /// the volume.
+    /// The volumes that light comes from: of a file or a grid of its own, or of the `known` fields
+    /// of the volume.
     pub fn read(
         &self,
         volume: &Table<'a>,

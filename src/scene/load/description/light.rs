@@ -50,8 +50,8 @@ fn only(table: &Table<'_>, keys: &[&str]) -> Result<()> {
     Ok(())
 }
 
-/// Whether `visible = false` hides environments from cameras. It hides all of them or none: a picture
-/// has one background.
+/// Whether `visible = false` hides environments from cameras. It hides all of them or none: a
+/// picture has one background.
 pub fn are_environments_unseen(lights: &[Table<'_>]) -> Result<bool> {
     let mut first: Option<bool> = None;
     for table in lights {

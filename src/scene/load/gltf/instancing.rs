@@ -10,11 +10,11 @@ use ::gltf::{Document, Node};
 use glam::{DAffine3, DQuat, DVec3};
 use serde_json::Value;
 
-/// Triangles from which on a mesh may be kept once: a place takes the memory of about six, and a ray
-/// pays for each that it comes by.
+/// Triangles from which on a mesh may be kept once: a place takes the memory of about six, and a
+/// ray pays for each that it comes by.
 const MIN_TRIANGLES: usize = 64;
-/// Triangles that keeping meshes once has to save in a file, together: 80 MB or more. What takes less
-/// is faster flat.
+/// Triangles that keeping meshes once has to save in a file, together: 80 MB or more. What takes
+/// less is faster flat.
 const MIN_SAVED: usize = 1 << 20;
 
 /// Accessors of the translations, rotations and scales of a list of places.

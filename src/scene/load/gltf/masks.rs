@@ -1,5 +1,5 @@
-//! Where the surfaces of a glTF file are there: alpha modes, cut-offs, and the alpha of factors, textures
-//! and vertices.
+//! Where the surfaces of a glTF file are there: alpha modes, cut-offs, and the alpha of factors,
+//! textures and vertices.
 
 use super::super::colors::ColorEncoding;
 use super::super::texture::{self, Decoding};

@@ -2,11 +2,11 @@
 //!
 //! Base colour (factor, texture, vertex colours) is the albedo, whatever the metalness; emissive
 //! factor times strength is radiance. Lights are taken as radiometric: candela is intensity, lux is
-//! irradiance, 1:1. Materials are there where their alpha says. Skins, morph targets, animations, metal and normal maps
-//! are left out, with a warning; an emissive texture that lies otherwise than that of the base colour is
-//! replaced by its mean. Of extensions lights, emissive
-//! strength and texture transforms are read, and those that do not change looks are passed over;
-//! others are warned of.
+//! irradiance, 1:1. Materials are there where their alpha says. Skins, morph targets, animations,
+//! metal and normal maps are left out, with a warning; an emissive texture that lies otherwise than
+//! that of the base colour is replaced by its mean. Of extensions lights, emissive strength and
+//! texture transforms are read, and those that do not change looks are passed over; others are
+//! warned of.
 //!
 //! - `document`: parses a file and mends what others write; `extensions`: which are read
 //! - `buffers`: the bytes of a document; `instancing`: meshes that are placed many times

@@ -1,5 +1,5 @@
-//! Where the textures of a glTF file lie: their sets of coordinates, their transforms, and what is beyond
-//! their borders.
+//! Where the textures of a glTF file lie: their sets of coordinates, their transforms, and what is
+//! beyond their borders.
 
 use crate::scene::Wrap;
 use ::gltf::texture::{Info, WrappingMode};

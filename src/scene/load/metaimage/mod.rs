@@ -1,9 +1,10 @@
-//! MetaImage volumes (`.mha`, and `.mhd` with data files): samples in the file, in one beside it or in
-//! one for each slice; raw, zlib or text; any integer to 64 bits and floats, either byte order.
+//! MetaImage volumes (`.mha`, and `.mhd` with data files): samples in the file, in one beside it or
+//! in one for each slice; raw, zlib or text; any integer to 64 bits and floats, either byte order.
 //!
 //! `Offset`, `TransformMatrix` and `ElementSpacing` place the centre of each voxel, as ITK reads
 //! them: the first three numbers of the matrix are the direction of the first axis. The axes are
-//! left, posterior, superior of a patient, unless `AnatomicalOrientation` says that it is not known.
+//! left, posterior, superior of a patient, unless `AnatomicalOrientation` says that it is not
+//! known.
 
 use super::field::Field;
 use super::files::Files;

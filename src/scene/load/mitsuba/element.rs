@@ -326,7 +326,8 @@ impl<'t> Element<'t> {
         }
     }
 
-    /// A frame whose +z points from `origin` to `target`, with +x to the left of one who looks along.
+    /// A frame whose +z points from `origin` to `target`, with +x to the left of one who looks
+    /// along.
     fn look_at(&self) -> Result<DAffine3> {
         let node = self.node();
         let need = |key: &str| {

@@ -200,8 +200,8 @@ impl Reader<'_> {
         }
     }
 
-    /// The largest channel of an extinction over the mean of all, and all over the largest, the same
-    /// in all voxels.
+    /// The largest channel of an extinction over the mean of all, and all over the largest, the
+    /// same in all voxels.
     fn channels(&mut self, medium: &Element<'_>, vol: &Vol) -> (f64, [f32; 3]) {
         const GREY: (f64, [f32; 3]) = (1.0, [1.0; 3]);
         let mut told = |what: &str| self.left_out.note(what, medium.line());

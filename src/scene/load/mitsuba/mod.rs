@@ -118,8 +118,8 @@ impl Reader<'_> {
         let Some(depth) = integrator.whole("max_depth", -1, 1 << 30)? else {
             return Ok(());
         };
-        // Light that meets one surface or medium, or two, is what shade makes of a tree that is just
-        // built; after bounce it has all.
+        // Light that meets one surface or medium, or two, is what shade makes of a tree that is
+        // just built; after bounce it has all.
         if ![-1, 3].contains(&depth) {
             let note = integrator.error(format_args!(
                 "a `max_depth` of {depth}: lvox makes 3 of it, or as many as `lvox bounce` adds"

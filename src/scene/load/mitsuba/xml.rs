@@ -276,8 +276,8 @@ impl Parser {
         Ok(vec![index])
     }
 
-    /// What stands in place of an element that says how to read others; `None` for one that is part of the
-    /// scene.
+    /// What stands in place of an element that says how to read others; `None` for one that is part
+    /// of the scene.
     fn directive(
         &mut self,
         index: usize,

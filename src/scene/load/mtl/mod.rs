@@ -1,9 +1,9 @@
-//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d`, `map_d`, `Ke` and `map_Ke`, all linear but for
-//! colours of textures. Keywords may be in any letter case.
+//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d`, `map_d`, `Ke` and `map_Ke`, all linear but
+//! for colours of textures. Keywords may be in any letter case.
 //!
-//! In one line is warned of what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write for plain surfaces,
-//! `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`, `Tf` and `Pr` say
-//! nothing by themselves.
+//! In one line is warned of what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write
+//! for plain surfaces, `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`,
+//! `Tf` and `Pr` say nothing by themselves.
 
 use super::colors::ColorEncoding;
 use super::files::{Files, text_start};
@@ -247,8 +247,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Lets a `map_Ke` shine as it is where the last material has no `Ke`, or a black one, as exporters
-    /// write it beside a texture.
+    /// Lets a `map_Ke` shine as it is where the last material has no `Ke`, or a black one, as
+    /// exporters write it beside a texture.
     fn shine(&mut self) {
         let Some(material) = self.out.materials.last_mut() else {
             return;

@@ -73,8 +73,8 @@ impl<'a> Document<'a> {
         Self::changed(path, text, text.len(), &[], Vec::new())
     }
 
-    /// A file of which some values are changed: its text up to `end`, and behind it, where `changed`
-    /// says, the values.
+    /// A file of which some values are changed: its text up to `end`, and behind it, where
+    /// `changed` says, the values.
     pub(in crate::scene::load) fn changed(
         path: &'a Path,
         text: &'a str,

@@ -270,8 +270,8 @@ impl<'a> File<'a> {
         })
     }
 
-    /// The numbers of all grids that are fog volumes; that of the first if there is none, so that an
-    /// error says why.
+    /// The numbers of all grids that are fog volumes; that of the first if there is none, so that
+    /// an error says why.
     fn readable(&self) -> Result<Vec<usize>> {
         let entries = self.entries.iter().enumerate();
         let readable = entries.filter(|(_, entry)| self.head(entry, None).is_ok());

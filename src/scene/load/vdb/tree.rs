@@ -1,4 +1,5 @@
-//! The tree of a float grid, or of one channel of a grid of vectors: a root, inner nodes of 32^3 and 16^3 children, leaves of 8^3 voxels.
+//! The tree of a float grid, or of one channel of a grid of vectors: a root, inner nodes of 32^3
+//! and 16^3 children, leaves of 8^3 voxels.
 //!
 //! First comes the topology (masks, and the values of inner nodes), then in the same order the
 //! values of the leaves. In a node x is the slowest axis and z the fastest.
@@ -121,8 +122,8 @@ impl Leaf {
         self.mask[x.clone()].iter().any(|word| word & plane != 0)
     }
 
-    /// Unpacks the values of its voxels, x slowest, from the file that it is in; those of voxels that
-    /// are not active are `inactive`.
+    /// Unpacks the values of its voxels, x slowest, from the file that it is in; those of voxels
+    /// that are not active are `inactive`.
     pub(super) fn unpack(
         &self,
         content: &[u8],
@@ -396,9 +397,9 @@ impl Stored {
         if encoding.version < MASK_COMPRESSION_VERSION {
             return Ok(stored);
         }
-        // 0: inactive values are the background; 1: its negative; 2: one other value; 3 to 5: a mask
-        // selects between background and negative, background and one other, two others; 6: all
-        // values are stored.
+        // 0: inactive values are the background; 1: its negative; 2: one other value; 3 to 5: a
+        // mask selects between background and negative, background and one other, two others; 6:
+        // all values are stored.
         let kind = bytes.u8()?;
         if kind > 6 {
             return Err(Error::input(format!(

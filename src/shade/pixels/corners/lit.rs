@@ -104,7 +104,8 @@ impl<A: CameraMedia> Corners<'_, A> {
         }
     }
 
-    /// Pixel (x, y) of the region as a pinhole shows it, if its corners tell it, or if it is `sharp`.
+    /// Pixel (x, y) of the region as a pinhole shows it, if its corners tell it, or if it is
+    /// `sharp`.
     pub fn shade_if_known(&self, x: u32, y: u32, sharp: bool) -> Option<Pixel> {
         let first = self.first_around(x, y);
         if sharp {

@@ -215,7 +215,8 @@ impl<K: Spectrum> MediaMix<K> {
         transmittance <= share && radiance <= share * seen && self.is_one_color(share, seen)
     }
 
-    /// Whether each channel differs by at most this share of its mean, or of the light that is seen.
+    /// Whether each channel differs by at most this share of its mean, or of the light that is
+    /// seen.
     fn is_one_color(&self, share: f32, seen: f32) -> bool {
         self.channels.is_none_or(|[least, most]| {
             let means = self.radiance.0.map(|sum| sum / self.count);

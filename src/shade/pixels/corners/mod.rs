@@ -81,10 +81,10 @@ impl CornerPosition {
 }
 
 impl<'a, A: CameraMedia> Corners<'a, A> {
-    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels. The
-    /// next, two or in media three, tell whether it may take its indirect light, or the media before
-    /// it, from neighbours. Of lights with an extent two more tell wide penumbrae, and two around these
-    /// whether they are in one.
+    /// Rings of corners around those of a region's own pixels. The first takes part in its pixels.
+    /// The next, two or in media three, tell whether it may take its indirect light, or the media
+    /// before it, from neighbours. Of lights with an extent two more tell wide penumbrae, and two
+    /// around these whether they are in one.
     fn rings(shader: &PixelShader<A>) -> u32 {
         match (shader.lights.rest_is_exact(), A::Passed::IS_VACUUM) {
             (false, _) => Self::RINGS_OF_PENUMBRAE + PENUMBRA_REACH as u32,

@@ -92,8 +92,8 @@ impl NearbyRays {
         self.corners += 1.0;
     }
 
-    /// What they say, and where a penumbra is wide the `squares` around the pixel, to lamps and suns and
-    /// to the sky.
+    /// What they say, and where a penumbra is wide the `squares` around the pixel, to lamps and
+    /// suns and to the sky.
     pub fn lit(&self, squares: impl FnOnce() -> Option<[Option<Squares>; 2]>) -> LightAtPixel {
         if !self.visibility.has_penumbra() {
             let even =
@@ -130,20 +130,21 @@ pub(super) struct Squares {
 }
 
 impl Squares {
-    /// By how much two halves may differ, over the share that arrives: what rises as a square from the
-    /// foot of a penumbra is off by a hundredth then.
+    /// By how much two halves may differ, over the share that arrives: what rises as a square from
+    /// the foot of a penumbra is off by a hundredth then.
     const MAX_RISE: f32 = 0.35;
     /// The same of all light, for the bend at the end of a penumbra.
     const MAX_DIFFERENCE: f32 = 0.1;
     /// By how much, times the deviation of single rays, the mean may differ from that of the 4 x 4
-    /// corners in the middle: about one and a half times the noise of those where an edge is straight.
+    /// corners in the middle: about one and a half times the noise of those where an edge is
+    /// straight.
     const MAX_BEND: f32 = 0.06;
     /// The same over the noise of a square.
     const MAX_NOISE: f32 = 2.0;
 
-    /// What arrived along all of them, if the penumbra is as wide as that beside what `narrow` tells.
-    /// Where it bends, that is between the two: what is furthest off of noise alone must not be taken
-    /// as it is.
+    /// What arrived along all of them, if the penumbra is as wide as that beside what `narrow`
+    /// tells. Where it bends, that is between the two: what is furthest off of noise alone must not
+    /// be taken as it is.
     fn wide(&self, narrow: ShadowRatio) -> Option<ShadowRatio> {
         let all = sum(&self.sums);
         let share = all.share();
@@ -183,9 +184,9 @@ impl RaysToLights {
     const MIN_VARIANCE_WITHIN: f32 = 0.45;
     /// Variance of all of them up to which it does not matter: one in 20 is hidden, or arrives.
     const FAINT_VARIANCE: f32 = 0.05;
-    /// Variance within corners over that of rays which bring all or nothing, up to which the rays of a
-    /// corner agree to two hundredths: what dims them is a medium, and the light has a narrow extent. Those
-    /// to a wide one agree less, and four corners have more noise than 16.
+    /// Variance within corners over that of rays which bring all or nothing, up to which the rays
+    /// of a corner agree to two hundredths: what dims them is a medium, and the light has a narrow
+    /// extent. Those to a wide one agree less, and four corners have more noise than 16.
     const MAX_AGREEING: f32 = 0.002;
     /// The least of the latter that tells this.
     const LEAST_DIMMED: f32 = 0.01;
@@ -204,8 +205,8 @@ impl RaysToLights {
         sum(&self.quarters)
     }
 
-    /// What arrived at the pixel's own corners, if all 16 tell that it has no noise: more of them would
-    /// blur it.
+    /// What arrived at the pixel's own corners, if all 16 tell that it has no noise: more of them
+    /// would blur it.
     fn smooth(&self, corners: f32) -> Option<ShadowRatio> {
         (corners == Slope::CORNERS && self.slope.is_smooth()).then_some(self.own)
     }
@@ -307,8 +308,8 @@ mod tests {
         assert_eq!(wide([0.0; 4], 0.0), Some(0.0));
     }
 
-    /// A smooth shadow of smoke before a narrow light, and the same shares of rays that bring all or
-    /// nothing.
+    /// A smooth shadow of smoke before a narrow light, and the same shares of rays that bring all
+    /// or nothing.
     #[test]
     fn rays_that_a_medium_dims_are_not_blurred() {
         let lit = |is_dimmed: bool| {

@@ -21,8 +21,8 @@ pub(super) struct SquareSums {
 struct SumsOfLights {
     /// `None` of a square that lies on more pieces of surface than one.
     sums: Vec<Option<ShadowRatio>>,
-    /// Squares of what the shares of the square's corners, and of those as far on in the three squares
-    /// beside and below it, are off a plane by; added up.
+    /// Squares of what the shares of the square's corners, and of those as far on in the three
+    /// squares beside and below it, are off a plane by; added up.
     off_plane: Vec<f32>,
 }
 
@@ -43,18 +43,20 @@ impl SumsOfLights {
         let [a, b, c, d] = squares.map(|i| self.sums.get(i).copied().flatten());
         Some(Squares {
             sums: [a?, b?, c?, d?],
-            // Of four such corners that is four times the variance of one, of which a square has 16.
+            // Of four such corners that is four times the variance of one, of which a square has
+            // 16.
             noise: (self.off_plane[squares[0]] / (4 * 16 * 16) as f32).sqrt(),
         })
     }
 }
 
 impl<A: CameraMedia> Corners<'_, A> {
-    /// Corners of the squares around a pixel before the first of the 16 around it, in rows and in columns.
+    /// Corners of the squares around a pixel before the first of the 16 around it, in rows and in
+    /// columns.
     pub(super) const BEFORE: usize = EDGE - 2;
 
-    /// The first corners of the four squares around a pixel, of which `first` is the first of its 16
-    /// corners: upper left, upper right, lower left, lower right.
+    /// The first corners of the four squares around a pixel, of which `first` is the first of its
+    /// 16 corners: upper left, upper right, lower left, lower right.
     pub(super) fn squares_around(&self, first: usize) -> [usize; 4] {
         let a = first - Self::BEFORE * (self.width + 1);
         let c = a + EDGE * self.width;
@@ -95,9 +97,9 @@ impl<A: CameraMedia> Corners<'_, A> {
         }
     }
 
-    /// By the first corner of a square: by how much the shares of its corners, and of those as far on in
-    /// the squares beside and below it, are off a plane, squared and added up. Corners as far on ask the
-    /// same cells of the lights, so that is noise but for bends of a penumbra.
+    /// By the first corner of a square: by how much the shares of its corners, and of those as far
+    /// on in the squares beside and below it, are off a plane, squared and added up. Corners as far
+    /// on ask the same cells of the lights, so that is noise but for bends of a penumbra.
     fn off_plane(&self, of: &[Option<ShadowRatio>]) -> Vec<f32> {
         let shares: Vec<f32> = (of.iter())
             .map(|ratio| ratio.map_or(0.0, |ratio| ratio.share()))
@@ -116,8 +118,8 @@ impl<A: CameraMedia> Corners<'_, A> {
         runs(&runs(&each, 1), self.width)
     }
 
-    /// Sums over runs of four corners, `step` from one to the next, which all join. Those that leave
-    /// their row are of no use to any pixel.
+    /// Sums over runs of four corners, `step` from one to the next, which all join. Those that
+    /// leave their row are of no use to any pixel.
     fn runs(
         &self,
         of: &[Option<ShadowRatio>],

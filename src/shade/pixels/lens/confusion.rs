@@ -121,8 +121,8 @@ impl<'a> Confusion<'a> {
         span
     }
 
-    /// Radii between which the media along such a part of a ray are spread: nothing where the camera
-    /// moves.
+    /// Radii between which the media along such a part of a ray are spread: nothing where the
+    /// camera moves.
     #[must_use]
     pub fn radii_in_media(&self, ray: &Ray, span: [f32; 2]) -> [f32; 2] {
         let ends = span.map(|t| ray.at(t.min(ray.t_max)));

@@ -1,9 +1,9 @@
 //! Small lamps that are far out of focus: how much of a pixel's samples over the lens meet each, in
 //! closed form.
 //!
-//! Rays through a lens miss a lamp that fills little of its circle of confusion, however bright that
-//! is. Here points of the lamp are chosen, each of which a pixel sees through one point of the lens,
-//! and rays only tell what stands between.
+//! Rays through a lens miss a lamp that fills little of its circle of confusion, however bright
+//! that is. Here points of the lamp are chosen, each of which a pixel sees through one point of the
+//! lens, and rays only tell what stands between.
 
 use super::confusion::Confusion;
 use crate::light::{Lights, Shadows};
@@ -16,7 +16,8 @@ use glam::Vec3;
 /// Emissive triangles beside each other on the film.
 #[derive(Debug)]
 struct Lamp {
-    /// Middle on the film, pixels from its top left, and half its extent with the circle of confusion.
+    /// Middle on the film, pixels from its top left, and half its extent with the circle of
+    /// confusion.
     middle: [f32; 2],
     reach: [f32; 2],
     radiance: Rgb,

@@ -1,10 +1,10 @@
 //! Regions of the frame as a camera with a lens, or with an open shutter, sees them.
 //!
-//! Visibility is sampled, light is not: what a pinhole in the middle of the lens sees has its light at
-//! the corners of pixels, with gathers and shadow rays that neighbours share, and a sample over the
-//! lens takes that of the place where it ends (decoupled sampling, Ragan-Kelley et al. 2011). Only
-//! what a pinhole does not see is lit for itself. Where all that may be spread into a pixel is alike,
-//! the pinhole's own pixel is what the lens shows, too.
+//! Visibility is sampled, light is not: what a pinhole in the middle of the lens sees has its light
+//! at the corners of pixels, with gathers and shadow rays that neighbours share, and a sample over
+//! the lens takes that of the place where it ends (decoupled sampling, Ragan-Kelley et al. 2011).
+//! Only what a pinhole does not see is lit for itself. Where all that may be spread into a pixel is
+//! alike, the pinhole's own pixel is what the lens shows, too.
 //!
 //! | file | what it does |
 //! | --- | --- |
@@ -51,8 +51,8 @@ const MUCH: f32 = 0.25;
 /// First samples, where contrast is little or much.
 const FIRST: [u32; 2] = [4, 8];
 
-/// A region with all around it that a camera spreads into it: its lattice and borders of emitters have
-/// to be of that.
+/// A region with all around it that a camera spreads into it: its lattice and borders of emitters
+/// have to be of that.
 #[must_use]
 pub fn spread_into(confusion: &Confusion, region: Region) -> Region {
     confusion.around(region, MORE)
@@ -61,7 +61,8 @@ pub fn spread_into(confusion: &Confusion, region: Region) -> Region {
 /// Pixels around a region that take part in it, beside those that are spread into it.
 const MORE: u32 = RIM + 3 * SQUARE;
 
-/// The same at most, and the bytes of a pixel there beside its numbers, before there is a camera's view.
+/// The same at most, and the bytes of a pixel there beside its numbers, before there is a camera's
+/// view.
 #[must_use]
 pub fn most_spread_into(region: Region, film: [u32; 2]) -> (Region, u64) {
     let reach = Confusion::most_reach(film[0]) + MORE;

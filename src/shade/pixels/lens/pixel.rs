@@ -62,9 +62,11 @@ type OwnGathers = Vec<(Surface, WithSky)>;
 impl<A: CameraMedia> LensSampler<'_, A> {
     /// Radius from which on neighbours tell more than samples do.
     const SMOOTH: f32 = RADIUS_PER_PIXEL;
-    /// Samples where neighbours tell as much as they can, or less, by contrast: little, much, very much.
+    /// Samples where neighbours tell as much as they can, or less, by contrast: little, much, very
+    /// much.
     const AMONG_NEIGHBOURS: [[u32; 3]; 2] = [[2, 4, 8], [4, 8, 16]];
-    /// Root mean square of the differences of samples over their mean, up to which there are no more.
+    /// Root mean square of the differences of samples over their mean, up to which there are no
+    /// more.
     const EVEN: f32 = 0.08;
     /// The same up to which half of the most are enough.
     const LITTLE: f32 = 0.2;
@@ -173,8 +175,8 @@ impl<A: CameraMedia> LensSampler<'_, A> {
             .flatten()
     }
 
-    /// Direct and indirect irradiance of a surface that sample `i` of pixel (x, y) met, and media as a
-    /// pinhole sees them before it.
+    /// Direct and indirect irradiance of a surface that sample `i` of pixel (x, y) met, and media
+    /// as a pinhole sees them before it.
     fn light(
         &self,
         surface: &Surface,
@@ -241,8 +243,8 @@ impl<A: CameraMedia> LensSampler<'_, A> {
         light
     }
 
-    /// Whether a pixel has samples enough: where neighbours tell more, as many as contrast asks for,
-    /// and elsewhere as many as these differ.
+    /// Whether a pixel has samples enough: where neighbours tell more, as many as contrast asks
+    /// for, and elsewhere as many as these differ.
     fn are_enough(
         &self,
         samples: &[LensSample<A::Passed>],

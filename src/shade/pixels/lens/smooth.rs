@@ -1,5 +1,5 @@
-//! Means over neighbours where all that they show is far out of focus: light that is spread over many
-//! pixels does not change within few.
+//! Means over neighbours where all that they show is far out of focus: light that is spread over
+//! many pixels does not change within few.
 
 use crate::Result;
 use crate::image::Region;
@@ -65,8 +65,8 @@ impl Rows {
             })
     }
 
-    /// Planes of a region within the rows, each pixel averaged with those around it as far as all of
-    /// them are out of focus.
+    /// Planes of a region within the rows, each pixel averaged with those around it as far as all
+    /// of them are out of focus.
     ///
     /// # Errors
     /// If there is no memory for them.

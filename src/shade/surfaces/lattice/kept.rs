@@ -1,7 +1,7 @@
 //! Gathers of a frame's lattice that its tiles keep for each other, in a file.
 //!
-//! A tile gathers around its border, too, where its neighbours do. What is kept has all bits of what
-//! is gathered, so that pictures are the same.
+//! A tile gathers around its border, too, where its neighbours do. What is kept has all bits of
+//! what is gathered, so that pictures are the same.
 
 use super::LatticeSite;
 use super::area::Area;

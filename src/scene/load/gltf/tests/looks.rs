@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A material of this alpha, with a texture of 2 x 1 texels, of which the second is clear, and opacities
-/// of vertices.
+/// A material of this alpha, with a texture of 2 x 1 texels, of which the second is clear, and
+/// opacities of vertices.
 fn masked(alpha: Value, has_alpha: bool) -> (Import, Vec<String>) {
     let (mut json, mut bin) = sample();
     let mut png = std::io::Cursor::new(Vec::new());
