@@ -87,6 +87,14 @@ pub trait Receiver: Copy {
     /// in units of the triangle's radiance.
     fn response_to_triangle(self, corners: [Vec3; 3]) -> f32;
 
+    /// Response of a receiver without normals to light from the middle of a sphere that is seen in a
+    /// unit direction under an angle of this sine and cosine, and by how much more or less that may
+    /// be from elsewhere on it.
+    #[inline]
+    fn response_to_sphere(self, _to_middle: Vec3, _angle: [f32; 2]) -> [f32; 2] {
+        [1.0, 0.0]
+    }
+
     /// Unit normals on whose side a light must be, that of the response first; `None` if light may
     /// come from anywhere.
     fn normals(self) -> Option<[Vec3; 2]>;
@@ -244,6 +252,11 @@ impl Receiver for PhaseReceiver {
         } else {
             0.0
         }
+    }
+
+    #[inline]
+    fn response_to_sphere(self, to_middle: Vec3, angle: [f32; 2]) -> [f32; 2] {
+        self.0.response_to_sphere(to_middle, angle)
     }
 
     #[inline]

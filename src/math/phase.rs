@@ -158,6 +158,29 @@ impl SeenPhase {
         self.phase.over_isotropic(self.direction.dot(to_light))
     }
 
+    /// The same from the middle of a sphere that is seen in a unit direction under an angle of this
+    /// sine and cosine, and by how much more or less that may be from elsewhere on it.
+    #[must_use]
+    pub fn response_to_sphere(self, to_middle: Vec3, [sin, cos]: [f32; 2]) -> [f32; 2] {
+        let middle = self.direction.dot(to_middle).clamp(-1.0, 1.0);
+        let across = (1.0 - middle * middle).sqrt();
+        let ends = [
+            if middle >= cos {
+                1.0
+            } else {
+                middle * cos + across * sin
+            },
+            if middle <= -cos {
+                -1.0
+            } else {
+                middle * cos - across * sin
+            },
+        ];
+        let response = self.phase.over_isotropic(middle);
+        let off = ends.map(|end| (self.phase.over_isotropic(end) - response).abs());
+        [response, off[0].max(off[1])]
+    }
+
     /// Unit direction of the ray.
     #[must_use]
     pub fn direction(self) -> Vec3 {

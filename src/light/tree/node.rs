@@ -179,11 +179,18 @@ impl Node {
             inverse,
         };
         let facing = self.facing(&way)?;
-        Some(if incidence.is_whole && facing.is_whole {
+        let sent = if incidence.is_whole && facing.is_whole {
             self.light_of_whole(&way, &incidence)
         } else {
             self.light_of_part(&way, &incidence, &facing)
-        })
+        };
+        if receiver.normals().is_some() {
+            return Some(sent);
+        }
+        let angle = [facing.sin_sphere, facing.cos_sphere];
+        let [response, off] = receiver.response_to_sphere(way.direction, angle);
+        let error = sent.error * (response + off) + sent.light.mean() * off * MIXED;
+        Some(GroupLight::within(sent.light * response, error))
     }
 
     // The parts of this are inlined: by themselves they cost scenes of many lights a fifth more
@@ -329,8 +336,8 @@ struct Facing {
     is_whole: bool,
 }
 
-/// How wrong a group is that faces the receiver in part, or is above its horizon in part, over the
-/// most that it can send.
+/// How wrong a group is that faces the receiver in part, is above its horizon in part, or is seen
+/// under unlike angles to a phase function, over the most that it can be.
 const MIXED: f32 = 0.3;
 
 /// Bounds of the derivatives of `cos cos / r^2`, relative to it: of the first, and half of the

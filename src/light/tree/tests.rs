@@ -3,9 +3,9 @@
 use super::{LightCut, LightTree};
 use crate::light::emitter::Emitter;
 use crate::light::emitters::Emitters;
-use crate::light::shading_point::{MediumReceiver, Receiver, SurfaceReceiver};
+use crate::light::shading_point::{MediumReceiver, PhaseReceiver, Receiver, SurfaceReceiver};
 use crate::light::{Lights, SceneMedia, ShadowRays};
-use crate::math::{Ray, Rgb, sampling};
+use crate::math::{PhaseFunction, Ray, Rgb, SeenPhase, sampling};
 use crate::scene::{Light, Material, Scene};
 use crate::trace::Tracer;
 use glam::Vec3;
@@ -241,6 +241,39 @@ fn a_cut_tells_what_all_lights_send() {
         }
         let error = (squares / all.len() as f32).sqrt();
         assert!(error < limit, "{count}: {error}");
+    }
+}
+
+#[test]
+fn a_cut_tells_what_reaches_a_ray_through_a_phase_function() {
+    for (g, limit, most) in [(0.3, 0.03, 400), (-0.7, 0.04, 600)] {
+        let scene = scene_of_emitters(1000, 5);
+        let emitters = Emitters::new(&scene);
+        let tree = emitters.tree().unwrap();
+        let mut numbers = Numbers::new(11);
+        let mut squares = 0.0;
+        for _ in 0..60 {
+            let (origin, direction) = (numbers.place(), numbers.direction());
+            let phase = PhaseFunction::henyey_greenstein(g);
+            let receiver = PhaseReceiver(SeenPhase::of(phase, direction).unwrap());
+            let send = |e: &Emitter| {
+                let in_front = (origin - e.corners[0]).dot(e.normal) > 0.0;
+                let response = receiver.response_to_triangle(e.corners.map(|c| c - origin));
+                e.radiance.mean()
+                    * if in_front || e.both_sides {
+                        response
+                    } else {
+                        0.0
+                    }
+            };
+            let sum: f32 = emitters.all().iter().map(send).sum();
+            let cut = LightCut::new(tree, emitters.all(), origin, receiver, 0.03);
+            let error = cut.light().mean() / sum - 1.0;
+            squares += error * error;
+            assert!(cut.len() < most, "{}", cut.len());
+        }
+        let error = (squares / 60.0).sqrt();
+        assert!(error < limit, "{g}: {error}");
     }
 }
 
