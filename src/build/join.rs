@@ -74,6 +74,9 @@ pub fn meta_of(parts: &[PathBuf]) -> Result<CloudMeta> {
     }
 }
 
+/// Missing parts that an error names.
+const LISTED_PARTS: usize = 8;
+
 /// Opens the parts and puts them in order.
 fn open(paths: &[PathBuf]) -> Result<Vec<Piece<'_>>> {
     let mut pieces = paths
@@ -114,14 +117,19 @@ fn open(paths: &[PathBuf]) -> Result<Vec<Piece<'_>>> {
             );
         }
     }
-    let missing: Vec<String> = (0..pieces.first().map_or(0, |p| p.count))
+    let count = pieces.first().map_or(0, |p| p.count);
+    let missing: Vec<String> = (0..count)
         .filter(|i| pieces.iter().all(|p| p.index != *i))
-        .take(8)
+        .take(LISTED_PARTS)
         .map(|i| i.to_string())
         .collect();
+    let more = match (count as usize).saturating_sub(pieces.len() + missing.len()) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
     match (missing.is_empty(), pieces.first()) {
         (false, Some(first)) => Err(Error::input(format!(
-            "expected all {} parts of the bake, found {}; missing: {}",
+            "expected all {} parts of the bake, found {}; missing: {}{more}",
             first.count,
             pieces.len(),
             missing.join(", ")

@@ -103,6 +103,30 @@ fn parts_of_a_bake_make_the_undivided_cloud_and_tree() {
 }
 
 #[test]
+fn many_missing_parts_are_counted() {
+    let work = Work::new(ROOM);
+    let scene = work.scene();
+    let part = |index: u32| {
+        let settings = bake::Settings {
+            surfels: SurfelSampling::Area { count: 1000 },
+            part: Part::new(index, 40).unwrap(),
+            ..bake::Settings::default()
+        };
+        let (cloud, job) = (work.path(&format!("{index}.lvc")), Job::default());
+        bake::run(&scene, &settings, &cloud, Overwrite::Refuse, &job).unwrap();
+        cloud
+    };
+    let (parts, tree) = ([part(0), part(3)], work.path("none.lvt"));
+    let (settings, job) = (build::Settings::default(), Job::default());
+    let error = build::run_parts(&parts, &tree, &settings, Overwrite::Refuse, &job).unwrap_err();
+    let error = error.to_string();
+    assert!(
+        error.contains("missing: 1, 2, 4, 5, 6, 7, 8, 9 and 30 more"),
+        "{error}"
+    );
+}
+
+#[test]
 fn clouds_and_trees_do_not_depend_on_threads_or_memory() {
     let work = Work::new(ROOM);
     let scene = work.scene();
