@@ -47,6 +47,10 @@ const REACH: i32 = 2;
 const REACH_SQUARED: i32 = 5;
 const FINEST_REACH_SQUARED: i32 = 3;
 
+/// Touched cells whose surroundings are listed together: those of a large lamp are dozens of
+/// millions.
+const CELLS_AT_A_TIME: usize = 1 << 12;
+
 impl NearEmitters {
     /// Of emissive triangles in scene space, for lattices of this level and coarser ones.
     pub fn new(volume: &Volume, triangles: impl Iterator<Item = [Vec3; 3]>, finest: usize) -> Self {
@@ -181,7 +185,6 @@ impl Blocks {
     fn add(&mut self, level: usize, mut touched: Vec<Cell>) {
         touched.sort_unstable();
         touched.dedup();
-        let mut around: Vec<[usize; 3]> = Vec::new();
         let reach_squared = match level == self.finest {
             true => FINEST_REACH_SQUARED,
             false => REACH_SQUARED,
@@ -189,21 +192,23 @@ impl Blocks {
         let per_block = BLOCK_LEVEL.saturating_sub(level);
         let per_cell = level.saturating_sub(BLOCK_LEVEL);
         let count = self.along.map(|n| (n << per_block).div_ceil(1 << per_cell));
-        for cell in touched {
-            for off in offsets(reach_squared) {
-                let at = [0, 1, 2].map(|a| usize::try_from(cell[a] + off[a]).unwrap_or(usize::MAX));
-                if (0..3).all(|a| at[a] < count[a]) {
-                    around.push(at);
-                }
+        let mut around: Vec<[usize; 3]> = Vec::new();
+        for some in touched.chunks(CELLS_AT_A_TIME) {
+            for cell in some {
+                around.extend(offsets(reach_squared).filter_map(|off| {
+                    let at =
+                        [0, 1, 2].map(|a| usize::try_from(cell[a] + off[a]).unwrap_or(usize::MAX));
+                    (0..3).all(|a| at[a] < count[a]).then_some(at)
+                }));
             }
-        }
-        around.sort_unstable();
-        around.dedup();
-        for cell in around {
-            if level < BLOCK_LEVEL {
-                self.lower_voxels(level, cell);
-            } else {
-                self.lower_blocks(level, cell);
+            around.sort_unstable();
+            around.dedup();
+            for cell in around.drain(..) {
+                if level < BLOCK_LEVEL {
+                    self.lower_voxels(level, cell);
+                } else {
+                    self.lower_blocks(level, cell);
+                }
             }
         }
     }

@@ -146,8 +146,7 @@ impl<G: GatherInMedia> InScatter<'_, G> {
         let (volume, lattices) = (&self.volumes[index], &self.lattices[index]);
         let dims = Vec3::from(volume.sigma_t.size());
         let middle = (Vec3::from(cell.map(|c| c as f32)) + 0.5) * (1 << level) as f32;
-        let is_far = lattices.emitters.levels(middle) > level + Self::FAR_LEVELS;
-        if !is_far && self.bends(index, level, cell) {
+        if self.bends(index, lattices.emitters.levels(middle), level, cell) {
             return true;
         }
         let densest = lattices.densities.at(middle.min(dims)) * lattices.voxel;

@@ -1,5 +1,6 @@
 //! The lattices of one volume, before any ray asks for their light.
 
+use super::bends::Bends;
 use super::front::SeenFront;
 use crate::Result;
 use crate::inscatter::counts::Counters;
@@ -19,24 +20,6 @@ use crate::run::Job;
 use crate::tree::IncidentGrid;
 use crate::view::{View, VisibleMedia};
 use lvox_formats::{MappedFile, Scatter};
-
-/// What is known of how light of emitters bends in the cells of each lattice of direct light.
-#[derive(Debug)]
-pub(super) struct Bends {
-    /// By the first vertex of a cell, whether it does.
-    pub in_cells: [Vertices<bool>; DIRECT_LEVELS],
-    /// What emitters would send to vertices.
-    pub unshadowed: [Vertices<f32>; DIRECT_LEVELS],
-}
-
-impl Bends {
-    fn new(dims: [usize; 3]) -> Self {
-        Self {
-            in_cells: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
-            unshadowed: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
-        }
-    }
-}
 
 /// In-scattered light of one volume: a lattice for each spacing, of which each brick of the volume
 /// uses one.

@@ -9,6 +9,7 @@
 //! lights, and where a voxel is deep, the ray's own points. Vertices in empty space around the
 //! medium are evaluated like any other: leaving them dark would darken its rim.
 
+mod bends;
 mod every_vertex;
 mod front;
 mod lattices;
@@ -24,7 +25,6 @@ use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, ha
 use super::far_field::AskedPoint;
 use super::gatherer::GatherInMedia;
 use super::lvoxel_light::LvoxelMemo;
-use super::occupied;
 use super::scattered::ScatteredLight;
 use super::seen_channels::SeenChannels;
 use super::sweep::{SWEPT_LEVELS, Sweep};
@@ -87,11 +87,6 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     /// Spacings of vertices around a point light in which its light is looked for on the ray
     /// itself.
     const NEAR_LIGHT_SPACINGS: f32 = 2.0;
-    /// Emitters further away than two to this power times twice what vertices are apart are too far
-    /// to look whether their light bends.
-    const FAR_LEVELS: usize = 3;
-    /// Factor between light in the middle of a cell and what its vertices tell of it.
-    const MAX_BEND: f32 = 1.2;
     /// Vertices in thin media that are further apart than so many pixels are compared, for walls
     /// and edges of shadows that are between them.
     const WIDE_SPACING_PIXELS: f32 = 4.0;
@@ -284,9 +279,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let first = segment.levels.min(self.first_level(segment) + 1);
             for level in (segment.finest..first).rev() {
                 let around = lattices.direct[level].around(segment.at);
-                if level + Self::FAR_LEVELS >= segment.levels
-                    && self.bends(segment.volume, level, around.vertex(0))
-                {
+                if self.bends(segment.volume, segment.levels, level, around.vertex(0)) {
                     continue;
                 }
                 let weights = &around.weights;
@@ -345,25 +338,6 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             // Finer vertices have the same noise.
             share.ratio > Self::MAX_DIRECT_RATIO
         }
-    }
-
-    /// Whether light of emitters in the middle of a cell is not what it is between its vertices, as
-    /// in the plane of a flat lamp, which sends none along that.
-    fn bends(&self, volume: usize, level: usize, cell: [usize; 3]) -> bool {
-        let Some(bends) = &self.lattices[volume].bends else {
-            return false;
-        };
-        let unshadowed = |p| {
-            let point = self.to_scene(volume, p);
-            self.lights.unshadowed_of_emitters(point).luminance()
-        };
-        *bends.in_cells[level].get(cell, &|p, cell| {
-            let at_vertex = |v| *bends.unshadowed[level].get(v, &|p, _| unshadowed(p));
-            let count = bends.unshadowed[level].count();
-            let linear = 0.125 * occupied::around(cell, count).map(at_vertex).sum::<f32>();
-            let middle = unshadowed(p + 0.5 * (1 << level) as f32);
-            linear.max(middle) > Self::MAX_BEND * linear.min(middle)
-        })
     }
 
     /// Direct light at a vertex.
