@@ -1,5 +1,6 @@
 //! Scenes of Mitsuba: what is taken of them, what is told, and what is refused.
 
+mod emission;
 mod files;
 
 use crate::support::program::lvox;

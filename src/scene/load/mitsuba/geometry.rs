@@ -148,6 +148,28 @@ pub(super) fn smooth(mesh: &mut MeshInput) {
     mesh.normals = sums.into_iter().map(unit).collect::<Vec<Vec3>>();
 }
 
+/// Turns a mesh inside out.
+pub(super) fn flip(mesh: &mut MeshInput) {
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    mesh.normals.iter_mut().for_each(|n| *n = -*n);
+}
+
+/// Makes the front of each triangle, which emits, the side that the mean of its normals points to:
+/// in Mitsuba they decide, not the order of corners.
+pub(super) fn face_as_normals(mesh: &mut MeshInput) {
+    if mesh.normals.is_empty() {
+        return;
+    }
+    for triangle in &mut mesh.triangles {
+        let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
+        let unit = |v: u32| mesh.normals[v as usize].as_dvec3().normalize_or_zero();
+        let sum: DVec3 = triangle.iter().map(|v| unit(*v)).sum();
+        if (b - a).cross(c - a).dot(sum) < 0.0 {
+            triangle.swap(1, 2);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

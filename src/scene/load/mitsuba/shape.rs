@@ -88,16 +88,12 @@ impl Reader<'_> {
         if emission.is_some() && shape.object("bsdf")?.is_none() {
             paint.color = [0.0; 3];
         }
-        let Some(mut mesh) = self.mesh(shape)? else {
+        let Some(mut mesh) = self.placed_mesh(shape, &to_world)? else {
             return Ok(());
         };
-        if shape.flag("flip_normals", false)? {
-            mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-            mesh.normals.iter_mut().for_each(|n| *n = -*n);
+        if emission.is_some() {
+            geometry::face_as_normals(&mut mesh);
         }
-        mesh.check().map_err(|e| shape.locate(e))?;
-        mesh.place(&to_world);
-        mesh.check().map_err(|e| shape.locate(e))?;
         if !paint.is_of_vertices {
             mesh.colors.clear();
         }
@@ -219,8 +215,28 @@ impl Reader<'_> {
         }
     }
 
-    /// The triangles of a shape, in its own space.
-    fn mesh(&mut self, shape: &Element<'_>) -> Result<Option<MeshInput>> {
+    /// The triangles of a shape, in the world.
+    fn placed_mesh(
+        &mut self,
+        shape: &Element<'_>,
+        to_world: &DAffine3,
+    ) -> Result<Option<MeshInput>> {
+        let is_mirrored = to_world.matrix3.determinant() < 0.0;
+        let Some(mut mesh) = self.mesh(shape, is_mirrored)? else {
+            return Ok(None);
+        };
+        if shape.flag("flip_normals", false)? {
+            geometry::flip(&mut mesh);
+        }
+        mesh.check().map_err(|e| shape.locate(e))?;
+        mesh.place(to_world);
+        mesh.check().map_err(|e| shape.locate(e))?;
+        Ok(Some(mesh))
+    }
+
+    /// The triangles of a shape, in its own space. If its map mirrors, what Mitsuba then turns
+    /// inside out is.
+    fn mesh(&mut self, shape: &Element<'_>, is_mirrored: bool) -> Result<Option<MeshInput>> {
         Ok(Some(match shape.kind() {
             "rectangle" => geometry::rectangle(),
             "cube" => geometry::cube(),
@@ -230,10 +246,14 @@ impl Reader<'_> {
                 let radius = shape.number_within("radius", 1e-15, 1e15)?.unwrap_or(1.0);
                 let own =
                     DAffine3::from_translation(center) * DAffine3::from_scale(DVec3::splat(radius));
-                geometry::sphere().transform(&own)
+                let mut sphere = geometry::sphere().transform(&own);
+                if is_mirrored {
+                    geometry::flip(&mut sphere);
+                }
+                sphere
             }
             "cylinder" => cylinder(shape)?,
-            "obj" | "ply" => self.mesh_file(shape)?,
+            "obj" | "ply" => self.mesh_file(shape, is_mirrored)?,
             kind => {
                 if let Some(error) = plugins::unknown(shape) {
                     return Err(error);
@@ -248,7 +268,7 @@ impl Reader<'_> {
         }))
     }
 
-    fn mesh_file(&mut self, shape: &Element<'_>) -> Result<MeshInput> {
+    fn mesh_file(&mut self, shape: &Element<'_>, is_mirrored: bool) -> Result<MeshInput> {
         let is_ply = shape.kind() == "ply";
         let path = shape
             .tree
@@ -280,10 +300,15 @@ impl Reader<'_> {
         if !flips_v {
             mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
         }
+        let has_normals = !has_faces && !mesh.normals.is_empty();
         match has_faces {
             true => mesh.normals.clear(),
             false if mesh.normals.is_empty() => geometry::smooth(&mut mesh),
             false => {}
+        }
+        // Normals that are not those of the file come from the mirrored corners.
+        if is_mirrored && !has_normals {
+            geometry::flip(&mut mesh);
         }
         Ok(mesh)
     }
