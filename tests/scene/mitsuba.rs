@@ -2,6 +2,7 @@
 
 mod emission;
 mod files;
+mod transforms;
 
 use crate::support::program::lvox;
 use crate::support::skip::shared;

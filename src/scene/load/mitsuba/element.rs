@@ -15,6 +15,9 @@ pub(super) struct Element<'t> {
     pub(super) index: usize,
 }
 
+/// An axis this near length 1 is one that was rounded in the file.
+const UNIT_LENGTH_ERROR: f64 = 1e-3;
+
 /// Elements that are values, not objects.
 const VALUES: [&str; 10] = [
     "float",
@@ -279,12 +282,8 @@ impl<'t> Element<'t> {
             "translate" => Ok(DAffine3::from_translation(self.as_vector(0.0)?)),
             "scale" => Ok(DAffine3::from_scale(self.as_vector(1.0)?)),
             "rotate" => {
-                let axis = self.as_vector(0.0)?.try_normalize();
-                let axis = axis.ok_or_else(|| self.error("<rotate>: the axis has no length"))?;
-                let angle = node.get("angle");
-                let angle = angle.ok_or_else(|| self.error("<rotate> has no `angle`"))?;
-                let degrees = self.parse("angle", angle)?;
-                Ok(DAffine3::from_quat(about(axis, degrees)))
+                let (axis, degrees) = self.rotation()?;
+                Ok(DAffine3::from_mat3(rotation_as_mitsuba(axis, degrees)))
             }
             "lookat" | "lookAt" | "look_at" => self.look_at(),
             "matrix" => {
@@ -326,6 +325,26 @@ impl<'t> Element<'t> {
         }
     }
 
+    /// The axis of a `rotate` and its angle in degrees. Mitsuba 3 takes axes as they are, 0.6 at
+    /// length 1, as is here one that was rounded.
+    fn rotation(&self) -> Result<(DVec3, f64)> {
+        let axis = self.as_vector(0.0)?;
+        let unit = axis.try_normalize();
+        let unit = unit.ok_or_else(|| self.error("<rotate>: the axis has no length"))?;
+        let angle = self.node().get("angle");
+        let angle = angle.ok_or_else(|| self.error("<rotate> has no `angle`"))?;
+        let degrees = self.parse("angle", angle)?;
+        let is_rounded = (axis.length() - 1.0).abs() <= UNIT_LENGTH_ERROR;
+        let is_unit = is_rounded || self.tree.is_of_version_0() || degrees % 360.0 == 0.0;
+        Ok((if is_unit { unit } else { axis }, degrees))
+    }
+
+    /// Whether it is a `rotate` that scales and shears, too.
+    pub(super) fn is_distorting(&self) -> bool {
+        let is_distorting = |(axis, _): (DVec3, f64)| !axis.is_normalized();
+        self.tag() == "rotate" && self.rotation().is_ok_and(is_distorting)
+    }
+
     /// A frame whose +z points from `origin` to `target`, with +x to the left of one who looks
     /// along.
     fn look_at(&self) -> Result<DAffine3> {
@@ -353,6 +372,18 @@ impl<'t> Element<'t> {
             translation: origin,
         })
     }
+}
+
+/// The formula of Rodrigues, with axes of any length as Mitsuba 3 has it.
+fn rotation_as_mitsuba(axis: DVec3, degrees: f64) -> DMat3 {
+    if axis.is_normalized() {
+        return DMat3::from_quat(about(axis, degrees));
+    }
+    let (sin, cos) = libm::sincos(degrees.to_radians());
+    let (x, y, z) = (axis.x, axis.y, axis.z);
+    let cross = DMat3::from_cols_array(&[0.0, z, -y, -z, 0.0, x, y, -x, 0.0]);
+    let along = DMat3::from_cols(axis * x, axis * y, axis * z);
+    DMat3::IDENTITY * cos + along * (1.0 - cos) + cross * sin
 }
 
 /// Words between spaces and commas.

@@ -56,6 +56,7 @@ pub(super) fn read(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
     };
     let taken = reader.scene(&tree);
     reader.tell_unused(&tree);
+    reader.tell_distorted(&tree);
     // An error may be the last of what is odd.
     std::mem::take(&mut reader.left_out).tell(path, 0, reader.files);
     taken?;
@@ -172,6 +173,20 @@ impl Reader<'_> {
                 let place = format!("{name} of {} {}", element.kind(), child.line());
                 self.left_out
                     .note("what lvox does not know is left out", place);
+            }
+        }
+    }
+
+    /// Tells rotations of what was taken that are none.
+    fn tell_distorted(&mut self, tree: &Tree) {
+        for node in tree.nodes.iter().filter(|node| node.used.get()) {
+            for &index in &node.children {
+                let step = Element { tree, index };
+                if step.is_distorting() {
+                    let what = "a <rotate> whose axis is not of length 1 scales and shears, too, \
+                                as in Mitsuba";
+                    self.left_out.note(what, step.line());
+                }
             }
         }
     }

@@ -73,6 +73,12 @@ impl Tree {
         Ok(parser.tree)
     }
 
+    /// Whether the scene is one of Mitsuba 0.6 or before.
+    pub(super) fn is_of_version_0(&self) -> bool {
+        let version = self.nodes.first().and_then(|scene| scene.get("version"));
+        version.is_some_and(|version| version.trim().starts_with("0."))
+    }
+
     /// Where an element stands, for messages: the file if that is not the scene itself.
     pub(super) fn told(&self, place: Place) -> String {
         match place.file {
