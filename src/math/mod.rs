@@ -7,6 +7,7 @@
 //! | `hit` | where rays meet triangles |
 //! | `color` | linear RGB |
 //! | `blackbody` | the light of a black body |
+//! | `observer` | colours of spectra |
 //! | `spectrum` | optical depths and shares of light, of all channels or of each |
 //! | `lanes` | light and shares of light that are summed together |
 //! | `segment` | emission and absorption along a ray, front to back |
@@ -32,6 +33,7 @@ mod hit;
 mod index;
 pub mod lanes;
 pub mod magnitude;
+pub mod observer;
 mod phase;
 pub mod polygon;
 mod ray;

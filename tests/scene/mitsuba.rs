@@ -46,7 +46,7 @@ const SCENE: &str = r##"<scene version="3.0.0">
   </shape>
   <shape type="instance"><ref id="group"/><transform name="to_world"><translate x="2"/></transform></shape>
   <shape type="instance"><ref id="group"/></shape>
-  <emitter type="point"><point name="position" value="0, 2, 0"/><spectrum name="intensity" value="3"/></emitter>
+  <emitter type="point"><point name="position" value="0, 2, 0"/><rgb name="intensity" value="3"/></emitter>
   <emitter type="spot"><rgb name="intensity" value="1, 2, 3"/><float name="cutoff_angle" value="40"/>
     <transform name="to_world"><lookat origin="0, 3, 0" target="0, 0, 0" up="0, 0, 1"/></transform></emitter>
   <emitter type="directional"><vector name="direction" x="0" y="-2" z="0"/></emitter>

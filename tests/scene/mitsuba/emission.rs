@@ -115,3 +115,114 @@ fn mirrored_shapes_emit_as_in_mitsuba() {
         assert!(up(-1, 1) && !up(1, -1), "{kind}");
     }
 }
+
+/// Equal-energy white, linear Rec.709.
+const WHITE: [f32; 3] = [1.204_794, 0.948_291, 0.908_916];
+
+/// A light of a type; that on a shape is on `s`.
+fn light(kind: &str, key: &str) -> String {
+    match kind {
+        "area" => format!(
+            "<shape type=\"rectangle\" id=\"s\"><emitter type=\"area\">{key}</emitter></shape>"
+        ),
+        _ => format!("<emitter type=\"{kind}\">{key}</emitter>"),
+    }
+}
+
+/// What the only light of a scene has, or else the albedo of `s`.
+fn color(version: &str, content: &str) -> [f32; 3] {
+    let floor = "<shape type=\"rectangle\" id=\"floor\"/>";
+    let scene = format!("<scene version=\"{version}\">{floor}{content}</scene>");
+    let scene = load(&scene).unwrap();
+    if let Some(m) = scene.materials.iter().find(|m| m.name == "s") {
+        return match m.emission {
+            [0.0, 0.0, 0.0] => m.albedo,
+            emission => emission,
+        };
+    }
+    match scene.lights[..] {
+        [Light::Point { intensity, .. } | Light::Spot { intensity, .. }] => intensity,
+        [Light::Directional { irradiance, .. }] => irradiance,
+        [Light::Environment { radiance }] => radiance,
+        _ => panic!("{:?}", scene.lights),
+    }
+}
+
+#[track_caller]
+fn near(found: [f32; 3], expected: [f32; 3], what: &str) {
+    let off = [0, 1, 2].map(|i| (found[i] - expected[i]).abs());
+    assert!(
+        off.iter().all(|off| *off < 0.005),
+        "{what}: {found:?} {expected:?}"
+    );
+}
+
+#[test]
+fn even_spectra_are_white_as_light() {
+    for (kind, name) in [
+        ("area", "radiance"),
+        ("constant", "radiance"),
+        ("point", "intensity"),
+        ("spot", "intensity"),
+        ("directional", "irradiance"),
+    ] {
+        let of = |version: &str, value: &str| {
+            let key = format!("<spectrum name=\"{name}\" {value}</spectrum>");
+            color(version, &light(kind, &key))
+        };
+        near(of("3.0.0", "value=\"2\">"), WHITE.map(|c| 2.0 * c), kind);
+        assert_eq!(of("0.6.0", "value=\"2\">"), [2.0; 3], "{kind}");
+        let uniform = "type=\"uniform\"><float name=\"value\" value=\"2\"/>";
+        assert_eq!(of("3.0.0", uniform), [2.0; 3], "{kind}");
+    }
+}
+
+/// Numbers of Mitsuba 3.9 in `scalar_rgb`.
+#[test]
+fn spectra_have_the_colors_of_mitsuba() {
+    for (value, sent, reflected) in [
+        ("0.5", WHITE.map(|c| 0.5 * c), [0.5; 3]),
+        (
+            "400:1, 700:1",
+            [1.1997, 0.9495, 0.9034],
+            [0.9953, 0.9998, 0.9949],
+        ),
+        (
+            "400:0.2, 500:0.2, 600:0.5, 700:0.5",
+            [0.6608, 0.3083, 0.1593],
+            [0.5698, 0.3220, 0.1782],
+        ),
+        (
+            "400:0, 500:1, 510:1, 520:0",
+            [0.0, 0.1675, 0.5291],
+            [0.0, 0.1851, 0.5928],
+        ),
+        (
+            "440:0.2,480:0.9,520:0.4,600:0.1",
+            [0.0, 0.3686, 0.3608],
+            [0.0, 0.3906, 0.4214],
+        ),
+        (
+            "600:0, 620:1, 640:0",
+            [0.3949, 0.0, 0.0],
+            [0.3484, 0.0, 0.0],
+        ),
+    ] {
+        let spectrum = |name: &str| format!("<spectrum name=\"{name}\" value=\"{value}\"/>");
+        let radiance = spectrum("radiance");
+        near(color("3.0.0", &light("area", &radiance)), sent, value);
+        let surface = format!(
+            "<shape type=\"rectangle\" id=\"s\"><bsdf type=\"diffuse\">{}</bsdf></shape>",
+            spectrum("reflectance")
+        );
+        near(color("3.0.0", &surface), reflected, value);
+    }
+    for value in ["500:1", "700:1, 400:1"] {
+        let key = format!("<spectrum name=\"radiance\" value=\"{value}\"/>");
+        let error = with(&light("constant", &key)).unwrap_err().to_string();
+        assert!(
+            error.contains("line 3: expected two wavelengths"),
+            "{error}"
+        );
+    }
+}

@@ -2,6 +2,7 @@
 
 use super::element::{Element, words};
 use super::{Reader, plugins};
+use crate::math::observer;
 use crate::scene::Texture;
 use crate::scene::Wrap;
 use crate::scene::builder::MAX_EMISSION;
@@ -43,6 +44,13 @@ impl Paint {
     }
 }
 
+/// What a spectrum is of: even ones are the white E as light, that of Rec.709 of what is lit.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Light,
+    Lit,
+}
+
 impl Reader<'_> {
     /// The colour of a key of `element`; textures are told, and stand for their mean.
     pub(super) fn color(
@@ -52,10 +60,28 @@ impl Reader<'_> {
         default: [f32; 3],
         most: f32,
     ) -> Result<[f32; 3]> {
-        let Some(value) = element.get(key)? else {
-            return Ok(default);
-        };
-        let paint = self.paint_of(&value)?;
+        match element.get(key)? {
+            Some(value) => self.even_color(element, key, (&value, Role::Lit), most),
+            None => Ok(default),
+        }
+    }
+
+    /// The colour of a key of a light, or 1.
+    pub(super) fn light(&mut self, emitter: &Element<'_>, key: &str) -> Result<[f32; 3]> {
+        match emitter.get(key)? {
+            Some(value) => self.even_color(emitter, key, (&value, Role::Light), MAX_EMISSION),
+            None => Ok([1.0; 3]),
+        }
+    }
+
+    fn even_color(
+        &mut self,
+        element: &Element<'_>,
+        key: &str,
+        (value, role): (&Element<'_>, Role),
+        most: f32,
+    ) -> Result<[f32; 3]> {
+        let paint = self.paint_of(value, role)?;
         if paint.texture.is_some() || paint.is_of_vertices {
             let what = format!(
                 "`{key}` of {} takes one colour, the mean of its texture",
@@ -63,7 +89,7 @@ impl Reader<'_> {
             );
             self.left_out.note(&what, value.line());
         }
-        checked(&value, paint.mean(), most)
+        checked(value, paint.mean(), most)
     }
 
     /// The colour or texture of a key of a surface.
@@ -76,7 +102,7 @@ impl Reader<'_> {
         let Some(value) = element.get(key)? else {
             return Ok(Paint::plain([default; 3]));
         };
-        let mut paint = self.paint_of(&value)?;
+        let mut paint = self.paint_of(&value, Role::Lit)?;
         if paint.color.iter().any(|c| *c > 1.0) {
             self.left_out
                 .note("reflectances above 1 are taken as 1", value.line());
@@ -91,7 +117,7 @@ impl Reader<'_> {
         let Some(value) = element.get(key)? else {
             return Ok(Paint::plain([1.0; 3]));
         };
-        let mut paint = self.paint_of(&value)?;
+        let mut paint = self.paint_of(&value, Role::Light)?;
         if paint.is_of_vertices {
             let what = "radiances of vertices are taken as 1";
             self.left_out.note(what, value.line());
@@ -101,14 +127,14 @@ impl Reader<'_> {
         Ok(paint)
     }
 
-    fn paint_of(&mut self, value: &Element<'_>) -> Result<Paint> {
+    fn paint_of(&mut self, value: &Element<'_>, role: Role) -> Result<Paint> {
         let text = value.node().get("value").unwrap_or_default();
         match (value.tag(), value.kind()) {
             ("float" | "integer", _) => Ok(Paint::plain([value.as_number()? as f32; 3])),
             ("rgb", _) => Ok(Paint::plain(rgb(value, text, false)?)),
             ("srgb", _) => Ok(Paint::plain(rgb(value, text, true)?)),
-            ("spectrum", "") => self.spectrum(value, text).map(Paint::plain),
-            ("texture" | "spectrum", kind) => self.texture(value, kind),
+            ("spectrum", "") => self.spectrum(value, text, role).map(Paint::plain),
+            ("texture" | "spectrum", kind) => self.texture(value, kind, role),
             ("blackbody", _) => {
                 self.left_out
                     .note("spectra of black bodies are taken as white", value.line());
@@ -121,17 +147,23 @@ impl Reader<'_> {
         }
     }
 
-    /// A number, or pairs of a wavelength and a value.
-    fn spectrum(&mut self, value: &Element<'_>, text: &str) -> Result<[f32; 3]> {
+    /// A number, or pairs of a wavelength and a value, as Mitsuba's modes of RGB take them.
+    fn spectrum(&mut self, value: &Element<'_>, text: &str, role: Role) -> Result<[f32; 3]> {
         if text.is_empty() {
             self.left_out
                 .note("spectra from files are taken as 1/2", value.line());
             return Ok([0.5; 3]);
         }
         if !text.contains(':') {
-            return rgb(value, text, false);
+            let color = rgb(value, text, false)?;
+            // In 0.6 even spectra are grey everywhere.
+            if role == Role::Lit || words(text).nth(1).is_some() || value.tree.is_of_version_0() {
+                return Ok(color);
+            }
+            let white = observer::color_of_light(|_| 1.0);
+            return Ok(std::array::from_fn(|i| color[i] * white[i] as f32));
         }
-        let mut samples = Vec::new();
+        let mut samples: Vec<[f64; 2]> = Vec::new();
         for word in words(text) {
             let pair = word
                 .split_once(':')
@@ -141,13 +173,24 @@ impl Reader<'_> {
                 _ => return Err(value.error("expected pairs, as in 400:0.2, 700:0.4")),
             }
         }
-        let what = "spectra of several values are taken as their mean";
-        self.left_out.note(what, value.line());
-        let mean = samples.iter().map(|s| s[1]).sum::<f64>() / samples.len() as f64;
-        Ok([mean as f32; 3])
+        let increase = samples.windows(2).all(|pair| pair[0][0] < pair[1][0]);
+        if samples.len() < 2 || !increase {
+            return Err(value.error("expected two wavelengths at least, each above the last"));
+        }
+        let at = |nm: f64| interpolated(&samples, nm);
+        let color = match role {
+            Role::Light => observer::color_of_light(at),
+            Role::Lit => observer::color_in_daylight(at),
+        };
+        let most = match role {
+            Role::Light => f64::INFINITY,
+            // Channels of saturated colours may be above 1 where no share of light is.
+            Role::Lit => samples.iter().map(|s| s[1]).fold(1.0, f64::max),
+        };
+        Ok(color.map(|c| c.max(0.0).min(most) as f32))
     }
 
-    fn texture(&mut self, element: &Element<'_>, kind: &str) -> Result<Paint> {
+    fn texture(&mut self, element: &Element<'_>, kind: &str, role: Role) -> Result<Paint> {
         match kind {
             "bitmap" => self.bitmap(element),
             "uniform" | "rawconstant" => {
@@ -171,7 +214,7 @@ impl Reader<'_> {
                 let inner = element.object("texture")?;
                 let inner = inner.ok_or_else(|| element.error("there is no texture in it"))?;
                 self.enter(element)?;
-                let mut paint = self.paint_of(&inner)?;
+                let mut paint = self.paint_of(&inner, role)?;
                 self.leave();
                 paint.color = std::array::from_fn(|i| paint.color[i] * scale[i]);
                 Ok(paint)
@@ -310,6 +353,16 @@ fn rgb(element: &Element<'_>, text: &str, is_encoded: bool) -> Result<[f32; 3]> 
         true => color.map(linear_from_srgb),
         false => color,
     })
+}
+
+/// The value of a spectrum at a wavelength; 0 where it says nothing.
+fn interpolated(samples: &[[f64; 2]], nm: f64) -> f64 {
+    let after = samples.partition_point(|s| s[0] < nm);
+    match (after.checked_sub(1).map(|i| samples[i]), samples.get(after)) {
+        (_, Some(&[at, value])) if at == nm => value,
+        (Some([a, low]), Some(&[b, high])) => low + (high - low) * (nm - a) / (b - a),
+        _ => 0.0,
+    }
 }
 
 fn checked(element: &Element<'_>, color: [f32; 3], most: f32) -> Result<[f32; 3]> {

@@ -15,7 +15,7 @@ impl Reader<'_> {
         emitter.ignore(&["sampling_weight", "mis_compensation"])?;
         let light = match emitter.kind() {
             "point" => {
-                let intensity = self.color(emitter, "intensity", [1.0; 3], MAX_EMISSION)?;
+                let intensity = self.light(emitter, "intensity")?;
                 let position = match emitter.vector("position")? {
                     Some(position) => position,
                     None => emitter.transform("to_world")?.translation,
@@ -24,16 +24,14 @@ impl Reader<'_> {
             }
             "spot" => self.spot(emitter)?,
             "directional" => {
-                let irradiance = self.color(emitter, "irradiance", [1.0; 3], MAX_EMISSION)?;
+                let irradiance = self.light(emitter, "irradiance")?;
                 let direction = match emitter.vector("direction")? {
                     Some(direction) => direction,
                     None => emitter.transform("to_world")?.transform_vector3(DVec3::Z),
                 };
                 LightInput::sun(direction, irradiance, 0.0).map_err(|e| emitter.locate(e))?
             }
-            "constant" => {
-                LightInput::environment(self.color(emitter, "radiance", [1.0; 3], MAX_EMISSION)?)
-            }
+            "constant" => LightInput::environment(self.light(emitter, "radiance")?),
             "envmap" => return self.envmap(emitter),
             kind => {
                 if let Some(error) = plugins::unknown(emitter) {
@@ -52,7 +50,7 @@ impl Reader<'_> {
     }
 
     fn spot(&mut self, emitter: &Element<'_>) -> Result<LightInput> {
-        let intensity = self.color(emitter, "intensity", [1.0; 3], MAX_EMISSION)?;
+        let intensity = self.light(emitter, "intensity")?;
         let to_world = emitter.transform("to_world")?;
         let cutoff = emitter
             .number_within("cutoff_angle", 0.01, 180.0)?
