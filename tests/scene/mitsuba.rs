@@ -1,5 +1,6 @@
 //! Scenes of Mitsuba: what is taken of them, what is told, and what is refused.
 
+mod cameras;
 mod emission;
 mod files;
 mod transforms;

@@ -5,10 +5,11 @@
 // - `xml`: elements of a file and what it includes, parameters in place; `element`: typed access
 // - `plugins`: names of Mitsuba's plugins
 // - `shape` with `geometry` (triangles of what is no file), `bsdf`, `color` (materials, textures)
-// - `emitter`, `sensor`, `medium`: lights, cameras, volumes
+// - `emitter`, `sensor` with `clip` (planes that cut), `medium`: lights, cameras, volumes
 // - here: the scene, and what was left out of it
 
 mod bsdf;
+mod clip;
 mod color;
 mod element;
 mod emitter;
@@ -24,6 +25,7 @@ use super::left_out::LeftOut;
 use super::nearest::nearest;
 use crate::Result;
 use crate::scene::SceneBuilder;
+use clip::ClipPlanes;
 use element::Element;
 use glam::DAffine3;
 use std::path::Path;
@@ -41,6 +43,8 @@ struct Reader<'a> {
     triangles: usize,
     /// Objects that the one at hand is in.
     depth: usize,
+    /// Of cameras that state some.
+    clip_planes: Vec<ClipPlanes>,
 }
 
 /// Reads a scene file, and all files that it names.
@@ -53,10 +57,12 @@ pub(super) fn read(path: &Path, files: &mut Files) -> Result<SceneBuilder> {
         builder: SceneBuilder::new(name),
         triangles: 0,
         depth: 0,
+        clip_planes: Vec::new(),
     };
     let taken = reader.scene(&tree);
     reader.tell_unused(&tree);
     reader.tell_distorted(&tree);
+    reader.tell_clipped();
     // An error may be the last of what is odd.
     std::mem::take(&mut reader.left_out).tell(path, 0, reader.files);
     taken?;

@@ -1,5 +1,6 @@
 //! Cameras of a Mitsuba file.
 
+use super::clip::ClipPlanes;
 use super::element::Element;
 use super::{Reader, plugins};
 use crate::Result;
@@ -8,16 +9,14 @@ use crate::scene::builder::CameraInput;
 use glam::{DAffine3, DVec3};
 
 /// Keys of cameras and films that make no difference here.
-const SENSOR: [&str; 7] = [
-    "near_clip",
-    "far_clip",
+const SENSOR: [&str; 5] = [
     "shutter_open",
     "shutter_close",
     "principal_point_offset_x",
     "principal_point_offset_y",
     "srf",
 ];
-const LENS: [&str; 3] = ["focus_distance", "aperture_radius", "far_clip"];
+const LENS: [&str; 2] = ["focus_distance", "aperture_radius"];
 const FILM: [&str; 12] = [
     "file_format",
     "pixel_format",
@@ -66,6 +65,7 @@ impl Reader<'_> {
         let name = sensor
             .id()
             .map_or_else(|| format!("camera {number}"), str::to_owned);
+        self.clip(sensor, &film, fov_x_rad, &world_from_camera)?;
         let camera = CameraInput::placed(name, world_from_camera, fov_x_rad);
         let camera = camera.map_err(|e| sensor.locate(e))?;
         let camera = match sensor.kind() {
@@ -81,6 +81,30 @@ impl Reader<'_> {
             Some(_) => {}
         }
         self.builder.add_cameras(vec![camera]);
+        Ok(())
+    }
+
+    /// Keeps its clip planes, if it states some, until there are surfaces that they may cut.
+    fn clip(
+        &mut self,
+        sensor: &Element<'_>,
+        film: &Film,
+        fov_x_rad: f64,
+        world_from_camera: &DAffine3,
+    ) -> Result<()> {
+        let near = sensor.number("near_clip")?.unwrap_or(ClipPlanes::NEAR);
+        let far = sensor.number("far_clip")?.unwrap_or(ClipPlanes::FAR);
+        if near > ClipPlanes::NEAR || far < ClipPlanes::FAR {
+            let tan_x = libm::tan(0.5 * fov_x_rad);
+            let tan_y = tan_x * f64::from(film.height) / f64::from(film.width);
+            self.clip_planes.push(ClipPlanes {
+                camera_from_world: world_from_camera.inverse(),
+                tan: [tan_x, tan_y],
+                near,
+                far,
+                line: sensor.line(),
+            });
+        }
         Ok(())
     }
 
