@@ -1,5 +1,5 @@
-//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d`, `map_d`, `Ke` and `map_Ke`, all linear but
-//! for colours of textures. Keywords may be in any letter case.
+//! Wavefront MTL: `Kd`, `map_Kd` with its options, `d` or else `Tr`, `map_d`, `Ke` and `map_Ke`,
+//! all linear but for colours of textures. Keywords may be in any letter case.
 //!
 //! In one line is warned of what is not diffuse: `illum` 3 to 10, `Ks` above what exporters write
 //! for plain surfaces, `map_Ks`, `refl`, `Pm`, `Pc`, `Ps` and their maps, and bumps. `Ns`, `Ni`,
@@ -105,6 +105,8 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Lib
         out: Library::default(),
         has_kd: false,
         has_ke: false,
+        has_d: false,
+        transparency: None,
         loaded: HashMap::new(),
         non_diffuse: Vec::new(),
         left_out: LeftOut::default(),
@@ -114,6 +116,7 @@ pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Lib
         let statement = reader.statement(line.trim(), number + 1);
         statement.map_err(|e| e.at(format!("line {}", number + 1)))?;
     }
+    reader.apply_transparency();
     for (i, non_diffuse) in reader.non_diffuse.into_iter().enumerate() {
         for feature in non_diffuse.features() {
             reader.left_out.feature(feature, i);
@@ -132,6 +135,10 @@ struct Reader<'a> {
     has_kd: bool,
     /// Whether it has a `Ke`.
     has_ke: bool,
+    /// Whether it has a `d`.
+    has_d: bool,
+    /// Its `Tr`.
+    transparency: Option<f32>,
     /// Index of each texture by what it was made of; `None` if it cannot be read.
     loaded: HashMap<String, Option<u32>>,
     non_diffuse: Vec<NonDiffuse>,
@@ -143,6 +150,7 @@ impl Reader<'_> {
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let (word, rest) = (word.to_ascii_lowercase(), rest.trim());
         if word == "newmtl" {
+            self.apply_transparency();
             self.out
                 .materials
                 .push(Material::diffuse(rest, DEFAULT_ALBEDO));
@@ -150,6 +158,7 @@ impl Reader<'_> {
             self.non_diffuse.push(NonDiffuse::default());
             self.has_kd = false;
             self.has_ke = false;
+            self.has_d = false;
             return Ok(());
         }
         let (Some(material), Some(non_diffuse)) =
@@ -183,6 +192,7 @@ impl Reader<'_> {
                 let text = rest.strip_prefix("-halo").unwrap_or(rest);
                 let what = "`d` outside of [0,1] is brought into it";
                 let [d, ..] = self.left_out.within(color(text)?, 1.0, what, number);
+                self.has_d = true;
                 if d < 1.0 {
                     let what = "materials with `d` below 1 are there in part: they reflect that share of light and let the \
                                 rest through";
@@ -190,11 +200,33 @@ impl Reader<'_> {
                     mask_of(material).opacity = d;
                 }
             }
+            "tr" => {
+                let what = "`Tr` outside of [0,1] is brought into it";
+                let tr = color(rest).ok();
+                let tr = tr.map(|tr| self.left_out.within(tr, 1.0, what, number));
+                self.transparency = tr.map(|[tr, ..]| tr);
+            }
             "map_d" => self.opacity(rest)?,
             "map_ke" => self.emission(rest)?,
             _ => {}
         }
         Ok(())
+    }
+
+    /// Gives the last material the mask of its `Tr`, unless it has a `d`, beside which exporters
+    /// write the same or the opposite. A `Tr` of 1 alone is how some write what is opaque.
+    fn apply_transparency(&mut self) {
+        let (Some(tr), Some(material)) = (self.transparency.take(), self.out.materials.last_mut())
+        else {
+            return;
+        };
+        if !self.has_d && 0.0 < tr && tr < 1.0 {
+            let what = "materials with `Tr` and no `d` are there in part: they reflect the share \
+                        1 - `Tr` of light and let the rest through";
+            self.left_out
+                .note(what, format_args!("`{}`", material.name));
+            mask_of(material).opacity = 1.0 - tr;
+        }
     }
 
     /// Gives the last material the mask of a `map_d`.

@@ -45,6 +45,39 @@ fn what_changes_looks_and_is_left_out_is_said_once() {
 }
 
 #[test]
+fn transparency_is_read_where_there_is_no_dissolve() {
+    let opacities = |text: &str| {
+        let mut files = Files::default();
+        let library = read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
+        let opacity = |m: &Material| m.mask.map_or(1.0, |mask| mask.opacity);
+        let all: Vec<f32> = library.materials.iter().map(opacity).collect();
+        (all, files.warnings)
+    };
+    let (all, warnings) = opacities("newmtl a\nTr 0.75\nnewmtl b\nnewmtl c\ntr 0.5 0.5 0.5\n");
+    assert_eq!(all, [0.25, 1.0, 0.5]);
+    let [told] = &warnings[..] else {
+        panic!("{warnings:?}");
+    };
+    assert!(told.ends_with("let the rest through: `a`, `c`"), "{told}");
+    // However exporters mean it, `d` says it; and nobody writes what is not there at all.
+    for opaque in [
+        "Tr 0",
+        "Tr 1",
+        "d 1\nTr 0",
+        "Tr 1\nd 1",
+        "Tr 0.4\nd 1",
+        "Tr x",
+    ] {
+        let found = opacities(&format!("newmtl a\n{opaque}\n"));
+        assert_eq!(found, (vec![1.0], Vec::new()), "{opaque}");
+    }
+    for quarter in ["Tr 0.75\nd 0.25", "d 0.25\nTr 0.25"] {
+        let (all, warnings) = opacities(&format!("newmtl a\n{quarter}\n"));
+        assert_eq!((&all[..], warnings.len()), (&[0.25][..], 1), "{quarter}");
+    }
+}
+
+#[test]
 fn what_is_not_diffuse_is_summed_up_in_a_line() {
     let warnings = |text: &str| {
         let mut files = Files::default();
