@@ -2,8 +2,9 @@
 //! small part of a room's floor. Few gather rays meet them, and those that do bring most of the
 //! light. Gathers may leave them out of what rays meet, and ask them as they ask lights.
 
+use super::geometry::Geometry;
 use super::patch_id::{PatchExtent, PatchId};
-use crate::math::{Aabb, Hit, Rgb};
+use crate::math::{Aabb, Hit, Rgb, sampling};
 use crate::tree::page::{ChildKind, WIDTH, WideNode};
 use crate::tree::traversal::{OpenNodes, Query, Visited, traverse};
 use crate::tree::{Page, SurfelStore};
@@ -19,7 +20,8 @@ pub struct BrightPatch {
     pub corners: [Vec3; 3],
     /// Unit normal of the side that sends.
     pub normal: Vec3,
-    /// Radiance that the side sends, the same in all directions.
+    /// Radiance that the side sends, the same in all directions, on average over all of the patch:
+    /// nothing comes from where a mask says that nothing is there.
     pub radiance: Rgb,
 }
 
@@ -83,6 +85,19 @@ impl BrightPatchIndex {
             (place, self.keys.contains(&place.key()))
         })
     }
+}
+
+/// Mean share of a patch that is there.
+pub(super) fn mean_opacity(geometry: &dyn Geometry, patch: &PatchId) -> f32 {
+    const POINTS: u64 = 64;
+    let [a, b, c] = patch.corners([Vec3::ZERO, Vec3::X, Vec3::Y]);
+    let opacity = |i| {
+        let w = sampling::triangle(sampling::r2(i, [0.5; 2]));
+        let uv = a * w[0] + b * w[1] + c * w[2];
+        geometry.opacity(patch.triangle, [uv.x, uv.y])
+    };
+    let sum = (0..POINTS).map(opacity).sum::<Option<f32>>();
+    sum.map_or(1.0, |sum| sum / POINTS as f32)
 }
 
 /// One side of a disk of the tree.

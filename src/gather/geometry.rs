@@ -30,4 +30,11 @@ pub trait Geometry: std::fmt::Debug + Sync {
     /// Returns the area that a surfel on a triangle stands for, over the mean of all surfels;
     /// `None` if the triangle reflects nothing, so that no tree need be asked.
     fn surfel_area_over_mean(&self, triangle: u32) -> Option<f32>;
+
+    /// Returns the share of a triangle that is there at barycentric weights of its second and third
+    /// corner: rays meet so many of its places, and pass the others. `None` if the triangle has no
+    /// mask.
+    fn opacity(&self, _triangle: u32, _uv: [f32; 2]) -> Option<f32> {
+        None
+    }
 }

@@ -5,7 +5,7 @@
 //! of the tree once for each patch, whose size goes by the solid angle that a node may have to be
 //! taken whole, and remembered.
 
-use super::bright::{BrightDiskSearch, BrightHit, BrightPatch, BrightPatchIndex, DiskSide};
+use super::bright::{self, BrightDiskSearch, BrightHit, BrightPatch, BrightPatchIndex, DiskSide};
 use super::crossing::Crossing;
 use super::geometry::Geometry;
 use super::order::in_order_of_places;
@@ -236,10 +236,11 @@ impl<'a> PatchRadiance<'a> {
                 && let Some(id) = ids.add(&hit, extent)
             {
                 let normal = self.geometry.normal(hit.triangle);
+                let radiance = self.evaluate(pages, &id, &mut open);
                 patches.push(BrightPatch {
                     corners: id.corners(self.geometry.corners(hit.triangle)),
                     normal: if hit.is_back { -normal } else { normal },
-                    radiance: self.evaluate(pages, &id, &mut open),
+                    radiance: radiance * bright::mean_opacity(self.geometry, &id),
                 });
             }
             patches.len() <= Self::MAX_BRIGHT_PATCHES

@@ -196,6 +196,17 @@ impl<'a> Tracer<'a> {
         })
     }
 
+    /// The share of a triangle that is there at barycentric weights of its second and third corner;
+    /// `None` if it has no mask.
+    #[must_use]
+    pub fn opacity(&self, triangle: u32, uv: [f32; 2]) -> Option<f32> {
+        let masks = self.triangles.masks()?;
+        let (stored, instance) = self.scene.mesh.place(triangle as usize);
+        masks.of_triangle(stored as u32)?;
+        let uv = instance.map_or(uv, |i| i.turned(uv));
+        Some((1.0 - masks.let_through(stored as u32, uv)).clamp(0.0, 1.0))
+    }
+
     /// The share of light that surfaces let through along a ray: 0 behind one, but for masks.
     #[must_use]
     #[inline]

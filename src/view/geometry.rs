@@ -30,4 +30,8 @@ impl Geometry for Tracer<'_> {
         let material = self.scene.mesh.material_of(triangle as usize);
         self.pieces.area_over_mean(material)
     }
+
+    fn opacity(&self, triangle: u32, uv: [f32; 2]) -> Option<f32> {
+        self.opacity(triangle, uv)
+    }
 }

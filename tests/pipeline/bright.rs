@@ -1,6 +1,6 @@
 //! The few places that send most of a frame's light, asked as lights are.
 
-use crate::{Work, layer, mean, relative_rms, shade, with_threads};
+use crate::{Work, beauty, layer, mean, relative_rms, shade, traced, with_threads};
 use lvox::image::Region;
 use lvox::run::Job;
 use lvox::shade::{self as stage, Settings};
@@ -63,6 +63,33 @@ fn sun_through_a_hole_has_less_noise_and_a_better_mean() {
     assert!(asked_off < 0.5 * met_off, "{asked_off} {met_off}");
     let ratio = mean(&asked) / mean(&expected);
     assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+}
+
+/// A sheet with holes where the sun falls through the skylight: what gathers leave out of their rays
+/// is what is there of it, and so much is to be asked.
+#[test]
+fn bright_patches_send_the_light_of_what_masks_leave() {
+    let checks = image::RgbaImage::from_fn(64, 64, |x, y| {
+        let is_there = (x / 4 + y / 4) % 2 == 0;
+        image::Rgba([255, 255, 255, if is_there { 255 } else { 60 }])
+    });
+    for opacity in [
+        "opacity = 0.3",
+        "opacity = \"checks.png\"",
+        "opacity = \"checks.png\"\nopacity_cutoff = 0.5",
+    ] {
+        let sheet = format!(
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = 0.6\ntranslate = [-0.57, 0.1, -0.19]\n\
+             albedo = [0.8, 0.8, 0.8]\n{opacity}\n"
+        );
+        let work = Work::new(&(skylight(0.0) + &sheet));
+        checks.save(work.path("checks.png")).unwrap();
+        let scene = work.scene();
+        let tree = work.bake(&scene, 200_000);
+        let found = mean(&beauty(&shade(&scene, &tree, &settings(true))));
+        let ratio = found / mean(&traced(&scene, 3, 512));
+        assert!((ratio - 1.0).abs() < 0.08, "{opacity}: {ratio}");
+    }
 }
 
 /// Large ones would blur the borders of bright places.
