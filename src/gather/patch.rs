@@ -42,7 +42,9 @@ impl TriangleSide<'_> {
         let mut mean = |id: &PatchId| Patch::new(id, self).mean(self, pages, open);
         let whole = mean(id)?;
         if !whole.is_uneven {
-            return whole.radiance();
+            return whole
+                .radiance()
+                .or_else(|| self.radiance_near(id, pages, open));
         }
         let (mut sum, mut known) = (Rgb::BLACK, 0.0);
         for quarter in id.quarters() {
@@ -56,6 +58,22 @@ impl TriangleSide<'_> {
         } else {
             whole.radiance()
         }
+    }
+
+    /// Returns what the disk nearest to a patch sends, if the triangle has a mask: surfels stand
+    /// apart on what is there in small part, and none may hold the middle of a patch.
+    fn radiance_near(
+        &self,
+        id: &PatchId,
+        pages: &SurfelStore,
+        open: &mut OpenNodes<()>,
+    ) -> Option<Rgb> {
+        let uv = id.middle([Vec3::ZERO, Vec3::X, Vec3::Y]);
+        self.geometry.opacity(id.triangle, [uv.x, uv.y])?;
+        Patch::new(id, self)
+            .looking_around(self)
+            .mean(self, pages, open)?
+            .radiance()
     }
 
     /// Returns what the surfels of a node send that face as the side does.
@@ -94,6 +112,8 @@ struct Patch {
     own2: f32,
     /// Whether surfels stand close enough to tell its quarters apart.
     has_quarters: bool,
+    /// Square of the distance at which boxes beside the middle are looked into.
+    around2: f32,
 }
 
 impl Patch {
@@ -113,6 +133,16 @@ impl Patch {
                 f32::INFINITY
             },
             has_quarters: edge2 > extent.least,
+            around2: 0.0,
+        }
+    }
+
+    /// The same patch, for disks up to four surfels away and no node as a whole.
+    fn looking_around(self, side: &TriangleSide) -> Self {
+        Self {
+            area: 0.0,
+            around2: 16.0 * side.extent.least,
+            ..self
         }
     }
 
@@ -172,7 +202,8 @@ impl Patch {
             let outside = (min - p).fast_max(p - max).fast_max(f32x8::ZERO);
             outside2 += outside * outside;
         }
-        let margin2 = f32x8::from(node.cross_section) * f32x8::splat(MARGIN * MARGIN);
+        let margin2 = f32x8::from(node.cross_section) * f32x8::splat(MARGIN * MARGIN)
+            + f32x8::splat(self.around2);
         outside2.simd_le(margin2).to_bitmask() & node.used
     }
 }

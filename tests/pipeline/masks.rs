@@ -147,6 +147,48 @@ fn surfels_are_where_the_card_is_and_their_area_is_its() {
     assert!((area - 0.5 * 0.97 * 0.97).abs() < 0.002, "{area}");
 }
 
+/// A lamp in a ball lights a floor through the ball, whose far side sends on, as a ball does, what it
+/// has of the lamp: the share that is there times its albedo. Few surfels are on it.
+#[test]
+fn a_ball_of_small_opacity_sends_the_light_of_the_lamp_in_it() {
+    const BALL: &str = r#"
+[film]
+width = 32
+height = 24
+[[camera]]
+position = [0, 3, 5]
+target = [0, 0, 0]
+fov_x_deg = 45
+[[mesh]]
+file = "builtin:quad"
+scale = [8, 1, 8]
+albedo = [0.6, 0.6, 0.6]
+[[light]]
+type = "point"
+position = [0, 1, 0]
+intensity = [3, 3, 3]
+[[mesh]]
+file = "builtin:sphere"
+translate = [0, 1, 0]
+scale = 0.8
+albedo = [0.8, 0.8, 0.8]
+opacity = 0.1
+visible = false
+"#;
+    let work = Work::new(BALL);
+    let scene = work.scene();
+    let tree = work.bake(&scene, 50_000);
+    let settings = Settings {
+        samples: 1024,
+        lattice: 1,
+        ..Settings::default()
+    };
+    let frame = shade(&scene, &tree, &settings);
+    let [indirect, direct] = ["indirect", "direct"].map(|name| mean(&layer(&frame, name)));
+    let ratio = indirect / direct / (0.1 * 0.8);
+    assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
+}
+
 #[test]
 fn masked_scenes_are_the_same_packed_in_tiles_and_with_any_threads() {
     let work = work(&CARD.replace("opacity_cutoff = 0.5", ""));
