@@ -67,6 +67,11 @@ impl SparseLattice {
         self.bounds
     }
 
+    /// Bytes of memory that the set takes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.cubes)
+    }
+
     /// How many are in the set.
     pub fn len(&self) -> usize {
         self.cubes

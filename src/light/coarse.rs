@@ -42,19 +42,40 @@ impl<'a> CoarseVolume<'a> {
         levels
     }
 
-    /// Cells of the finest of all that are at most `most`.
+    /// Cells of the finest of all that are at most `most`; more of a flat volume, as its rays take
+    /// the memory of those of so many.
     #[must_use]
     pub fn most_cells(volume: &Volume, most: usize) -> usize {
-        let halves = volume
-            .sigma_t
-            .dims()
-            .iter()
-            .product::<usize>()
-            .saturating_mul(8);
-        if halves <= most {
-            return halves;
-        }
-        Self::finest_dims(volume, most).1.iter().product()
+        let halves = volume.sigma_t.dims().map(|n| n.saturating_mul(2));
+        let dims = match Self::are_at_most(halves, most) {
+            true => halves,
+            false => Self::finest_dims(volume, most).1,
+        };
+        Self::count(dims).max(Self::depths(dims) / Self::DEPTHS_OF_CUBE)
+    }
+
+    /// Depths that rays have for each cell of a cube, at most.
+    const DEPTHS_OF_CUBE: usize = 4;
+
+    /// Whether cells, of so many along each axis, are no more than `most`, and rays through them
+    /// not many times as many: most of those that run along a flat volume pass beside it.
+    fn are_at_most(dims: [usize; 3], most: usize) -> bool {
+        let depths = most.saturating_mul(3 * Self::DEPTHS_OF_CUBE / 2);
+        Self::count(dims) <= most && Self::depths(dims) <= depths
+    }
+
+    fn count(dims: [usize; 3]) -> usize {
+        dims.into_iter().fold(1, usize::saturating_mul)
+    }
+
+    /// Depths along the rays of any one direction, at most: as rays slant, those across an axis
+    /// reach further by its length.
+    fn depths(dims: [usize; 3]) -> usize {
+        let along = |main: usize| {
+            let across = [1, 2].map(|a| dims[(main + a) % 3].saturating_add(dims[main]));
+            Self::count([dims[main], across[0], across[1]])
+        };
+        (0..3).map(along).fold(0, usize::max)
     }
 
     /// Voxels along an edge of the finest cells of whole voxels that are at most `most`, and their
@@ -62,7 +83,7 @@ impl<'a> CoarseVolume<'a> {
     fn finest_dims(volume: &Volume, most: usize) -> (usize, [usize; 3]) {
         let cells = |edge: usize| volume.sigma_t.dims().map(|n| n.div_ceil(edge));
         let mut edge = 1;
-        while cells(edge).iter().product::<usize>() > most.max(1) {
+        while !Self::are_at_most(cells(edge), most.max(1)) {
             edge *= 2;
         }
         (edge, cells(edge))
@@ -93,7 +114,7 @@ impl<'a> CoarseVolume<'a> {
     #[must_use]
     pub fn in_halves(volume: &'a Volume, most: usize) -> Option<Self> {
         let dims = volume.sigma_t.dims().map(|n| 2 * n);
-        if dims.iter().product::<usize>() > most {
+        if !Self::are_at_most(dims, most) {
             return None;
         }
         let mut sigma_t = vec![0.0; dims.iter().product()];

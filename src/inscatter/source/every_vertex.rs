@@ -108,21 +108,22 @@ impl<G: GatherInMedia> InScatter<'_, G> {
                 vertices.for_each(choose);
             });
             all += set.len() as u64;
-            let bytes = all * size_of::<Vertex>() as u64;
+            let places = set.len() + cells.len() + finer.len();
+            let lists = set.bytes() + places * size_of::<[usize; 3]>();
+            let bytes = all * size_of::<Vertex>() as u64 + lists as u64;
             memory::check_scattered(volume, all, bytes, job)?;
             let vertices: Vec<[usize; 3]> = set.vertices().collect();
             let task = (job.progress).task("scatter", vertices.len() as u64, "vertices");
             let done = AtomicU64::new(0);
-            let light = |v| {
+            let mut values = vec![Vertex::default(); vertices.len()];
+            (vertices.par_iter().zip(&mut values)).try_for_each(|(&v, value)| {
                 job.cancel.check()?;
-                let lit = self.vertex(index, level, at(v, level), v);
+                *value = self.vertex(index, level, at(v, level), v);
                 if done.fetch_add(1, Ordering::Relaxed) % TOLD_AT_A_TIME == TOLD_AT_A_TIME - 1 {
                     task.add(TOLD_AT_A_TIME);
                 }
-                Ok(lit)
-            };
-            let values = vertices.into_par_iter().map(light);
-            let values = values.collect::<Result<_>>()?;
+                Ok::<(), crate::Error>(())
+            })?;
             task.add(done.into_inner() % TOLD_AT_A_TIME);
             let lit = SparseValues { set, values };
             if level > finest {

@@ -22,8 +22,9 @@ use crate::image::mix::GROUP;
 use crate::image::samples::{Origin, Row};
 use crate::image::{COLOR_SPACE, CameraMatrices, Frame, ImageKind, Onlooker, Region, npy};
 use crate::math::{Rgb, sampling};
-use crate::run::{Job, Task, hex, memory, size};
+use crate::run::{Budget, Job, Task, hex, memory};
 use crate::scene::{Camera, CameraRay, Film, Scene};
+use crate::trace::Tracer;
 use crate::{Error, Kind, Result};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -146,8 +147,15 @@ pub fn sums_path(image: &Path) -> PathBuf {
 /// As [`begin`].
 pub fn check_memory(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Result<u64> {
     begin(scene, settings, region, job)?;
-    let sums = Sums::bytes(&region, settings.strands);
-    Ok(job.process_bytes + scene.bytes() + crate::trace::Tracer::bytes_for(scene) + sums)
+    Ok(budget(scene, settings, region, job).bytes())
+}
+
+fn budget(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Budget {
+    Budget::default()
+        .with("the program and its threads", job.process_bytes)
+        .with("the scene", scene.bytes())
+        .with("what rays need of it", Tracer::bytes_for(scene))
+        .with("sums of samples", Sums::bytes(&region, settings.strands))
 }
 
 /// No samples yet, for these settings.
@@ -159,10 +167,13 @@ pub fn begin(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> R
     settings.check()?;
     let origin = settings.origin(scene)?;
     region.check(scene.film.width, scene.film.height)?;
-    let needed = Sums::bytes(&region, settings.strands);
     let what = format_args!("summing samples of {} pixels", region.pixels());
-    size::within(what, needed, job.memory_limit)
-        .map_err(|e| e.hint("raise `memory_limit`, or render a part: `region` X0 Y0 X1 Y1"))?;
+    budget(scene, settings, region, job).within(
+        what,
+        job.memory_limit,
+        "raise `memory_limit`, or render a part: `region` X0 Y0 X1 Y1",
+    )?;
+    let needed = Sums::bytes(&region, settings.strands);
     memory::check(what, needed).map_err(|e| {
         e.hint("render a part: `region` X0 Y0 X1 Y1; or a smaller film: `resolution` WxH")
     })?;
