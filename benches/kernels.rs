@@ -123,7 +123,7 @@ fn lvoxels(bencher: Bencher) {
     bencher.counter(ItemsCount::new(RAYS)).bench(|| {
         for &(origin, direction) in &rays {
             let mut light = Composite::default();
-            media.pass(&Ray::new(origin, direction, 2.0), &[], &mut light);
+            media.pass(&Ray::new(origin, direction, 2.0), 0.0, &[], &mut light);
             black_box(light);
         }
     });

@@ -286,7 +286,7 @@ impl<M: Medium<Share: Share>> ReceiverMaker<'_, M> {
         for ((number, ray), hit) in (0..).zip(rays).zip(hits) {
             let distance = hit.map_or(f32::INFINITY, |hit| hit.t);
             let mut passed = Composite::default();
-            let stopped = (self.media).pass(&ray.up_to(distance), &[], &mut passed);
+            let stopped = (self.media).pass(&ray.up_to(distance), 0.0, &[], &mut passed);
             light += passed.radiance;
             inverse += stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
             met.extend(hit.map(|hit| Met {

@@ -33,9 +33,9 @@ pub struct ShadeSettings {
     samples: Option<u32>,
 
     /// Let a node of the tree stand for all surfels below it where it is seen under less than this
-    /// solid angle, in steradians. Smaller is slower and sharper; 0 uses single surfels. Frames
-    /// with bright patches use half of it, rays of media four times [default: 0.02, 0.02, 0.01 by
-    /// quality]
+    /// solid angle, in steradians, and a cube of lvoxels under a quarter of it. Smaller is slower
+    /// and sharper; 0 uses single surfels and lvoxels. Frames with bright patches use half of it,
+    /// rays of media four times [default: 0.02, 0.02, 0.01 by quality]
     #[arg(long, value_name = "SR")]
     max_solid_angle: Option<f32>,
 

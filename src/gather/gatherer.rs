@@ -18,8 +18,9 @@ use std::f32::consts::PI;
 pub struct RaySettings<'a> {
     /// Rays of each gather.
     pub samples: u32,
-    /// A node seen under less than this, in steradians, may stand for all below it; 0 for disks
-    /// only. Sets the size of patches, too, which are never smaller than a disk or so.
+    /// A node seen under less than this, in steradians, may stand for all below it, and a cube of
+    /// lvoxels under a quarter of it; 0 for disks and lvoxels only. Sets the size of patches, too,
+    /// which are never smaller than a disk or so.
     pub max_solid_angle: f32,
     /// Surfaces and media beyond this distance send nothing, but still hide the environment;
     /// infinite for no limit.
@@ -58,6 +59,18 @@ impl RaySettings<'_> {
             f32::INFINITY
         } else {
             self.max_dist
+        }
+    }
+
+    /// Width of rays at a distance of 1: what they pass in media may be as coarse. As with surfels,
+    /// the plain kernel takes every lvoxel.
+    pub fn beam_width(&self) -> f32 {
+        /// Over the edge of what is seen under the largest solid angle. Media are seen through, and
+        /// cubes of lvoxels have hard edges.
+        const BEAM: f32 = 0.5;
+        match self.kernel {
+            RayKernel::Plain => 0.0,
+            RayKernel::Traced(_) | RayKernel::Cone => BEAM * self.max_solid_angle.sqrt(),
         }
     }
 
@@ -389,7 +402,8 @@ impl<'a, M: Medium> Gatherer<'a, M> {
         let (near, far) = passed.split_at(near);
         let to_end = ray.up_to(end.map_or(max_dist, |c| c.t.min(max_dist)));
         let mut light = Composite::<M::Share>::default();
-        let stopped = self.media.pass(&to_end, near, &mut light);
+        let width = self.settings.beam_width();
+        let stopped = self.media.pass(&to_end, width, near, &mut light);
         let distance = end.map_or(f32::INFINITY, |c| c.t);
         let inverse_distance =
             stopped.share * stopped.inverse_distance + (1.0 - stopped.share) / distance;
@@ -401,7 +415,7 @@ impl<'a, M: Medium> Gatherer<'a, M> {
                 if is_hiding {
                     let mut hidden = Composite::<M::Share>::default();
                     let beyond = Ray::endless(ray.at(max_dist), ray.direction);
-                    self.media.pass(&beyond, &[], &mut hidden);
+                    self.media.pass(&beyond, width, &[], &mut hidden);
                     light.transmittance = light.transmittance.times(hidden.transmittance);
                     far.iter()
                         .for_each(|c| light.surface(c.opacity, Rgb::BLACK));

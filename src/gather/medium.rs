@@ -28,7 +28,18 @@ pub trait Medium: Copy + Sync {
     /// returns whether it never did.
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool;
 
-    /// The same where light travels with the ray, not against it.
+    /// The same for a beam that is so wide at a distance of 1: what is narrower may be one segment.
+    #[inline]
+    fn walk_beam(
+        &self,
+        ray: &Ray,
+        _width: f32,
+        add: &mut impl FnMut(Segment<Self::Share>) -> bool,
+    ) -> bool {
+        self.walk(ray, add)
+    }
+
+    /// [`Self::walk`] where light travels with the ray, not against it.
     fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment<Self::Share>) -> bool) -> bool {
         self.walk(ray, add)
     }
@@ -53,12 +64,13 @@ pub trait Medium: Copy + Sync {
         self
     }
 
-    /// Adds to `light` what media along a ray send, and the surfaces in `crossings`, which are
-    /// sorted by distance. Returns what media stopped.
+    /// Adds to `light` what media along a beam send that is so wide at a distance of 1, and the
+    /// surfaces in `crossings`, which are sorted by distance. Returns what media stopped.
     #[inline]
     fn pass(
         &self,
         ray: &Ray,
+        width: f32,
         crossings: &[Crossing],
         light: &mut Composite<Self::Share>,
     ) -> Attenuation {
@@ -79,7 +91,7 @@ pub trait Medium: Copy + Sync {
             moment += taken * (0.5 * (s.near + s.far));
             light.transmittance.most() > Composite::<Self::Share>::NOTHING
         };
-        if self.walk(ray, &mut add) {
+        if self.walk_beam(ray, width, &mut add) {
             crossings.for_each(|c| light.surface(c.opacity, c.radiance));
         }
         Attenuation {
@@ -109,6 +121,11 @@ impl Medium for &Media {
     #[inline]
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
         Media::walk(self, ray, add)
+    }
+
+    #[inline]
+    fn walk_beam(&self, ray: &Ray, width: f32, add: &mut impl FnMut(Segment) -> bool) -> bool {
+        Media::walk_beam(self, ray, width, add)
     }
 
     fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment) -> bool) -> bool {
@@ -141,6 +158,10 @@ impl Medium for ColoredMedia<'_> {
 
     fn walk(&self, ray: &Ray, add: &mut impl FnMut(Segment<Rgb>) -> bool) -> bool {
         self.0.walk(ray, add)
+    }
+
+    fn walk_beam(&self, ray: &Ray, width: f32, add: &mut impl FnMut(Segment<Rgb>) -> bool) -> bool {
+        self.0.walk_beam(ray, width, add)
     }
 
     fn walk_with(&self, ray: &Ray, add: &mut impl FnMut(Segment<Rgb>) -> bool) -> bool {
@@ -190,13 +211,13 @@ mod tests {
     #[test]
     fn media_count_by_what_they_stop_where_they_do() {
         let mut light = Composite::default();
-        let stopped = TwoSlabs.pass(&Ray::endless(Vec3::ZERO, Vec3::X), &[], &mut light);
+        let stopped = TwoSlabs.pass(&Ray::endless(Vec3::ZERO, Vec3::X), 0.0, &[], &mut light);
         let mist = 1.0 - (-0.5_f64).exp();
         let distance = mist * 2.0 + (1.0 - mist) * 6.0;
         assert!((f64::from(stopped.share) - 1.0).abs() < 1e-6);
         assert!((1.0 / f64::from(stopped.inverse_distance) / distance - 1.0).abs() < 1e-6);
         // What is in no medium is stopped by none.
-        let nothing = NoMedia.pass(&Ray::new(Vec3::ZERO, Vec3::X, 1.0), &[], &mut light);
+        let nothing = NoMedia.pass(&Ray::new(Vec3::ZERO, Vec3::X, 1.0), 0.0, &[], &mut light);
         assert_eq!((nothing.share, nothing.inverse_distance), (0.0, 0.0));
     }
 }

@@ -295,11 +295,7 @@ impl FarField {
             let around = self.around(volume, gatherer, in_index)?;
             let mut light = Composite::<G::Share>::default();
             let ray = Ray::new(point, self.direction(q), around.distance(q));
-            gatherer.walk(&ray, &mut |s| {
-                passed += 1;
-                light.medium(s.tau, s.source);
-                !light.is_opaque()
-            });
+            passed += gatherer.pass(&ray, &mut light);
             light.surface(1.0, around.radiance(q));
             sum += light.radiance;
         }

@@ -111,7 +111,8 @@ impl<M: Medium> GatherInMedia for Gatherer<'_, M> {
 
     fn pass(&self, ray: &Ray, light: &mut Composite<Self::Share>) -> u64 {
         let mut passed = 0;
-        self.media.walk(ray, &mut |s| {
+        let width = self.settings.beam_width();
+        self.media.walk_beam(ray, width, &mut |s| {
             passed += 1;
             light.medium(s.tau, s.source);
             light.transmittance.most() > Composite::<Self::Share>::NOTHING

@@ -440,7 +440,12 @@ fn swept_and_exact_in<M: Medium>(scene: &Scene, media: M) -> Vec<[Rgb; 2]> {
             for i in 0..4000 {
                 let direction = sampling::sphere(sampling::r2(i, [0.5; 2]));
                 let mut light = Composite::default();
-                media.pass(&Ray::endless(origin.as_vec3(), direction), &[], &mut light);
+                media.pass(
+                    &Ray::endless(origin.as_vec3(), direction),
+                    0.0,
+                    &[],
+                    &mut light,
+                );
                 exact += light.radiance * (1.0 / 4000.0);
             }
             [sweep.get(level, [x, 2, 2]).unwrap(), exact]

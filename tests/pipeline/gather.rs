@@ -502,7 +502,12 @@ fn passing_media_is_passing_every_block() {
             .collect();
         crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
         let mut light = Composite::default();
-        all.pass(&Ray::new(origin, direction, t_max), &crossings, &mut light);
+        all.pass(
+            &Ray::new(origin, direction, t_max),
+            0.0,
+            &crossings,
+            &mut light,
+        );
         let (radiance, through) = by_force(
             &volumes,
             &lvoxels,

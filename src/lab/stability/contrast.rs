@@ -119,7 +119,7 @@ fn check(bench: &Workbench, case: Case) -> Result<Vec<Row>> {
             cells = row;
         }
         let mut light = Composite::default();
-        media.pass(&Ray::new(origin, direction, 4.0), &[], &mut light);
+        media.pass(&Ray::new(origin, direction, 4.0), 0.0, &[], &mut light);
         exact_sum += (-exact).exp();
         lvoxel_sum += f64::from(light.transmittance);
         // Twice the depth that hides a light altogether.
@@ -178,7 +178,7 @@ fn rises_along(tracer: &Tracer, media: &crate::tree::Media, origin: Vec3, direct
     (0..=STEPS).any(|k| {
         let t = 1.2 + 1.2 * k as f32 / STEPS as f32;
         let mut light = Composite::default();
-        media.pass(&Ray::new(origin, direction, t), &[], &mut light);
+        media.pass(&Ray::new(origin, direction, t), 0.0, &[], &mut light);
         let now = [
             exp_neg(tracer.optical_depth(&Ray::new(origin, direction, t))),
             light.transmittance,

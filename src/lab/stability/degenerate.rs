@@ -439,7 +439,7 @@ fn overlaps(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let store = bench.tree(&scene, 1)?;
     let (origin, way) = (Vec3::new(3.0, 0.03, 0.02), -Vec3::X);
     let mut light = crate::math::segment::Composite::default();
-    (&media(&store)?).pass(&Ray::new(origin, way, 10.0), &[], &mut light);
+    (&media(&store)?).pass(&Ray::new(origin, way, 10.0), 0.0, &[], &mut light);
     let tau: f64 = 4.0 + 4.0 + 0.5;
     for (name, got) in [
         ("cells", tracer.transmittance(&Ray::new(origin, way, 10.0))),

@@ -228,7 +228,7 @@ fn compare_lvoxels(
             let direction = (target - origin).normalize();
             let (o, d) = (origin.as_dvec3(), direction.as_dvec3());
             let mut light = Composite::default();
-            media.pass(&Ray::new(origin, direction, length), &[], &mut light);
+            media.pass(&Ray::new(origin, direction, length), 0.0, &[], &mut light);
             let (radiance, through) = blocks.pass(o, d, reach);
             let tau = field.optical_depth(o, d, reach);
             (through < 1.0 || tau > 0.0).then(|| {

@@ -140,7 +140,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 
         let store = bench.tree(&scene, 16)?;
         let mut light = Composite::default();
-        (&media(&store)?).pass(&Ray::new(origin, forward, 2.9), &[], &mut light);
+        (&media(&store)?).pass(&Ray::new(origin, forward, 2.9), 0.0, &[], &mut light);
         let got = light.transmittance.into();
         rows.push(transmittance(
             "slab of 32^3 voxels, lvoxels of a tree",
@@ -167,7 +167,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             let case = "slab of 32^3 voxels, lvoxels of a tree, worst of 500 oblique rays";
             rows.push(oblique(case, &at, &scene, |origin, direction| {
                 let mut light = Composite::default();
-                (&media).pass(&Ray::new(origin, direction, 10.0), &[], &mut light);
+                (&media).pass(&Ray::new(origin, direction, 10.0), 0.0, &[], &mut light);
                 light.transmittance
             }));
         }
@@ -176,7 +176,7 @@ fn slabs(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
         // is scattered twice.
         let media = &media_with_source(&store, [0.5; 3])?;
         let mut light = Composite::default();
-        media.pass(&Ray::new(origin, forward, 2.9), &[], &mut light);
+        media.pass(&Ray::new(origin, forward, 2.9), 0.0, &[], &mut light);
         rows.push(Row::relative(
             "emission-absorption of a slab, lvoxels of a tree",
             at,
@@ -234,7 +234,7 @@ fn spheres(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
             LIMIT,
         ));
         let mut light = Composite::default();
-        (&media(&store)?).pass(&Ray::new(origin, forward, 2.9), &[], &mut light);
+        (&media(&store)?).pass(&Ray::new(origin, forward, 2.9), 0.0, &[], &mut light);
         if tau <= 10.0 {
             // The rim of a ball is averaged over blocks.
             rows.push(transmittance(

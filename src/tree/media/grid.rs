@@ -7,13 +7,16 @@ use lvox_formats::record::{LightPart, Lvoxel, MAX_LEVEL, VolumeInfo};
 
 /// Voxels along an edge of a brick.
 pub const BRICK: usize = 1 << MAX_LEVEL;
-const EMPTY: u32 = u32::MAX;
+/// No brick.
+pub const EMPTY: u32 = u32::MAX;
 
 /// The lvoxels of one volume: a table of bricks, each empty or a cube of blocks of one size.
 #[derive(Debug)]
 pub struct BlockGrid<B> {
     pub index_from_scene: Affine3A,
     pub index_from_scene_f64: DAffine3,
+    /// Edges of a voxel, scene units.
+    pub voxel: Vec3,
     /// Extinction of red, green and blue over that of the lvoxels, one of them 1.
     pub extinction_color: [f32; 3],
     pub dims: [f32; 3],
@@ -94,9 +97,12 @@ impl BlockGrid<()> {
             translation: t,
         };
         let table_dims = table_dims(info);
+        let scene_from_index = exact.inverse().matrix3;
+        let voxel = [0, 1, 2].map(|a| scene_from_index.col(a).length() as f32);
         Self {
             index_from_scene: Affine3A::from_cols_array(&exact.to_cols_array().map(|v| v as f32)),
             index_from_scene_f64: exact,
+            voxel: voxel.into(),
             extinction_color: info.extinction_color,
             dims: info.dims.map(|n| n as f32),
             table_dims,
@@ -182,6 +188,7 @@ impl BlockGrid<()> {
         BlockGrid {
             index_from_scene: self.index_from_scene,
             index_from_scene_f64: self.index_from_scene_f64,
+            voxel: self.voxel,
             extinction_color: self.extinction_color,
             dims: self.dims,
             table_dims: self.table_dims,
@@ -209,6 +216,14 @@ impl<B> BlockGrid<B> {
             + size_of_val(&*self.cubes)
             + size_of_val(&*self.bricks)
             + size_of_val(&*self.table)
+    }
+
+    /// Index of a block of a brick, by its place there; `None` if it is empty.
+    pub fn index(&self, brick: &Brick, block: [usize; 3]) -> Option<usize> {
+        let (cube, bit) = place(block);
+        let cube = &self.cubes[brick.first_cube as usize + cube];
+        let before = (cube.filled & ((1 << bit) - 1)).count_ones();
+        (cube.filled >> bit & 1 == 1).then_some((cube.first + before) as usize)
     }
 
     /// The brick that an lvoxel is in, its cube there, and its bit in that; `None` outside of the
@@ -256,6 +271,11 @@ impl BlockGrid<Block> {
         }
     }
 
+    /// A block of a brick, by its place there; `None` if it is empty.
+    pub fn block(&self, brick: &Brick, block: [usize; 3]) -> Option<&Block> {
+        Some(&self.blocks[self.index(brick, block)?])
+    }
+
     /// The same blocks without light.
     pub fn dark(&self) -> Self {
         let blocks = self.blocks.iter().map(|b| Block {
@@ -283,11 +303,7 @@ impl BlockGrid<Block> {
             let base = unflatten(at, self.table_dims).map(|b| b * BRICK);
             for i in 0..(BRICK >> brick.level).pow(3) {
                 let block = unflatten(i, [BRICK >> brick.level; 3]);
-                let (cube, bit) = place(block);
-                let cube = self.cubes[brick.first_cube as usize + cube];
-                if cube.filled >> bit & 1 == 1 {
-                    let before = (cube.filled & ((1 << bit) - 1)).count_ones();
-                    let i = (cube.first + before) as usize;
+                if let Some(i) = self.index(brick, block) {
                     let Block { sigma_t, source } = self.blocks[i];
                     take(LvoxelBlock {
                         first: std::array::from_fn(|a| base[a] + block[a] * edge),

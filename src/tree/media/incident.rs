@@ -1,6 +1,6 @@
 //! What arrives in lvoxels of the light of the others, and between them.
 
-use super::grid::{BRICK, Block, BlockGrid, Brick, place};
+use super::grid::{BRICK, Block, BlockGrid, Brick};
 use crate::math::{Rgb, unflatten};
 use glam::Vec3;
 
@@ -79,10 +79,8 @@ impl IncidentGrid<'_> {
             });
         }
         let block = cell.map(|c| ((c << level) % BRICK) >> brick.level);
-        let (cube, bit) = place(block);
-        let cube = &self.0.cubes[brick.first_cube as usize + cube];
-        let before = (cube.filled & ((1 << bit) - 1)).count_ones();
-        (cube.filled >> bit & 1 == 1).then(|| self.0.incident[(cube.first + before) as usize])
+        let i = self.0.index(brick, block)?;
+        Some(self.0.incident[i])
     }
 
     #[inline]

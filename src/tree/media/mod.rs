@@ -3,11 +3,13 @@
 //! | file | what it does |
 //! | --- | --- |
 //! | `grid` | the lvoxels of one volume |
+//! | `levels` | cubes of them as they are seen from afar |
 //! | `walk` | the way of a ray through them |
 //! | `incident` | what arrives in them of the light of the others |
 
 mod grid;
 mod incident;
+mod levels;
 mod walk;
 
 use crate::math::segment::{Interval, Segment, flatten_overlaps};
@@ -16,13 +18,17 @@ use glam::Vec3;
 use grid::BlockGrid;
 pub use grid::{Block, table_bytes};
 pub use incident::IncidentGrid;
+use levels::Levels;
 use lvox_formats::record::{LightPart, Lvoxel, VolumeInfo};
-use walk::Walk;
+use std::sync::OnceLock;
+use walk::{Beam, Walk};
 
 /// All lvoxels of a tree.
 #[derive(Debug, Default)]
 pub struct Media {
     volumes: Vec<BlockGrid<Block>>,
+    /// By volume, cubes as seen from afar, if any ray has asked for those.
+    levels: Vec<OnceLock<Levels>>,
     boxes: Boxes,
     /// The same lvoxels, which send nothing; none if they do not tell what arrives of their light.
     dark: Option<Box<Media>>,
@@ -139,7 +145,7 @@ impl MediaLayout {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let blocks: u64 = self.volumes.iter().map(BlockGrid::count).sum();
-        let rest: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
+        let rest: usize = self.volumes.iter().map(with_levels).sum();
         let lobed = (self.volumes.iter()).filter(|v| v.has_lobes);
         let lobes = lobed.map(BlockGrid::count).sum::<u64>() * size_of::<[i8; 3]>() as u64;
         let scattering = (self.volumes.iter()).filter(|v| v.has_singles);
@@ -159,6 +165,7 @@ impl MediaLayout {
     pub fn allocate(self) -> Media {
         Media {
             boxes: Boxes::new(self.volumes.iter().map(BlockGrid::bounds)),
+            levels: self.volumes.iter().map(|_| OnceLock::new()).collect(),
             volumes: self.volumes.into_iter().map(BlockGrid::allocate).collect(),
             dark: None,
         }
@@ -191,6 +198,7 @@ impl Media {
         if self.volumes.iter().any(|v| v.has_incident) {
             self.dark = Some(Box::new(Self {
                 volumes: self.volumes.iter().map(BlockGrid::dark).collect(),
+                levels: self.volumes.iter().map(|_| OnceLock::new()).collect(),
                 boxes: self.boxes.clone(),
                 dark: None,
             }));
@@ -220,7 +228,7 @@ impl Media {
     /// Bytes of memory that all lvoxels take.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let own: usize = self.volumes.iter().map(BlockGrid::bytes).sum();
+        let own: usize = self.volumes.iter().map(with_levels).sum();
         own + self.dark.as_ref().map_or(0, |dark| dark.bytes())
     }
 
@@ -248,7 +256,7 @@ impl Media {
     /// returns whether it never did.
     #[inline]
     pub fn walk<K: Spectrum>(&self, ray: &Ray, add: &mut impl FnMut(Segment<K>) -> bool) -> bool {
-        self.walk_lit(ray, -ray.direction, add)
+        self.walk_lit(ray, -ray.direction, 0.0, add)
     }
 
     /// The same for light that travels with the ray, not against it.
@@ -257,7 +265,19 @@ impl Media {
         ray: &Ray,
         add: &mut impl FnMut(Segment<K>) -> bool,
     ) -> bool {
-        self.walk_lit(ray, ray.direction, add)
+        self.walk_lit(ray, ray.direction, 0.0, add)
+    }
+
+    /// [`Self::walk`] for a beam that is so wide at a distance of 1: cubes of lvoxels that are
+    /// narrower are one segment, where light differs little in them.
+    #[inline]
+    pub fn walk_beam<K: Spectrum>(
+        &self,
+        ray: &Ray,
+        width: f32,
+        add: &mut impl FnMut(Segment<K>) -> bool,
+    ) -> bool {
+        self.walk_lit(ray, -ray.direction, width, add)
     }
 
     #[inline]
@@ -265,12 +285,15 @@ impl Media {
         &self,
         ray: &Ray,
         travel: Vec3,
+        width: f32,
         add: &mut impl FnMut(Segment<K>) -> bool,
     ) -> bool {
+        let beam = Beam { ray, travel, width };
         let boxes = self.boxes.along(ray);
         let mut met = boxes.filter_map(|v| {
             let volume = &self.volumes[v];
-            Some((volume.extinction_color, Walk::new(volume, ray, travel)?))
+            let walk = Walk::new(volume, &self.levels[v], &beam)?;
+            Some((volume.extinction_color, walk))
         });
         match (met.next(), met.next()) {
             (None, _) => true,
@@ -295,6 +318,11 @@ impl Media {
             }
         }
     }
+}
+
+/// Bytes of the lvoxels of a volume, and of its levels at most.
+fn with_levels<B>(grid: &BlockGrid<B>) -> usize {
+    grid.bytes() + Levels::most_bytes(grid)
 }
 
 /// A segment of a medium of such a colour.
