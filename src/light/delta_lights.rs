@@ -102,6 +102,18 @@ impl SegmentFromLight {
         }
     }
 
+    /// The same where the segment stands for a beam that is so wide at the light: of one through the
+    /// light no ray passes nearer than half the radius of its disk, in the mean of one over the
+    /// distance.
+    #[must_use]
+    pub fn of_beam(mut self, width: f32) -> Self {
+        const NEAREST: f32 = 0.282_094_8; // 1 / (2 sqrt(pi))
+        let [u, v] = self.ends;
+        let area = NEAREST * width * self.scale * (v - u).length();
+        self.twice_area = self.twice_area.max(area);
+        self
+    }
+
     /// Mean over the segment of one over the squared distance: the angle that it is seen under,
     /// over twice the area of the triangle.
     pub fn mean_inverse_square(&self) -> f32 {
@@ -254,6 +266,27 @@ mod tests {
                 assert_eq!(seen(exponent), seen(0), "{i}: {exponent}");
             }
         }
+    }
+
+    #[test]
+    fn a_beam_through_a_light_gets_the_mean_of_its_rays() {
+        let (width, length) = (0.02_f32, 4.0);
+        let along = |x: f32, y: f32| {
+            let ends = [-length, length].map(|z| Vec3::new(x, y, z));
+            SegmentFromLight::new(Vec3::ZERO, ends)
+        };
+        let count = 400_u64;
+        let mean = (0..count * count).map(|i| {
+            let [x, y] = [i % count, i / count].map(|n| (n as f32 + 0.5) / count as f32 - 0.5);
+            f64::from(along(x * width, y * width).mean_inverse_square())
+        });
+        let mean = mean.sum::<f64>() / (count * count) as f64;
+        let through = f64::from(along(0.0, 0.0).of_beam(width).mean_inverse_square());
+        assert!((through / mean - 1.0).abs() < 0.03, "{through} {mean}");
+        // One that passes beside it is that of its middle.
+        let beside = along(width, 0.0);
+        let exact = beside.mean_inverse_square();
+        assert_eq!(beside.of_beam(width).mean_inverse_square(), exact);
     }
 
     #[test]

@@ -179,12 +179,17 @@ impl<S> Lights<'_, S> {
 
     /// Unshadowed light of point and spot lights in a medium: mean radiance over the sphere,
     /// averaged over a segment in closed form. As a ray sees it, weighed by the phase function, and
-    /// that of suns as well.
+    /// that of suns as well. A beam around the segment is as wide as `width` tells at a point.
     #[must_use]
-    pub fn unshadowed_along(&self, from: Vec3, to: Vec3, seen: Option<SeenPhase>) -> Rgb {
+    pub fn unshadowed_along(
+        &self,
+        [from, to]: [Vec3; 2],
+        width: impl Fn(Vec3) -> f32,
+        seen: Option<SeenPhase>,
+    ) -> Rgb {
         let mut total = Rgb::BLACK;
         self.each_point_source(from, to, |position, intensity, light| {
-            let segment = SegmentFromLight::new(position, [from, to]);
+            let segment = SegmentFromLight::new(position, [from, to]).of_beam(width(position));
             let mean = segment.mean_inverse_square();
             if mean.is_finite() {
                 let scattered = seen.map_or(1.0, |seen| segment.scattered(seen));

@@ -70,10 +70,17 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             let point = segment.at_share(share);
             let rays = Self::rays(rays, self.seed_of(point));
             let light = self.lit(lights, point, rays, suns, segment.seen);
-            let unshadowed = self.lights.unshadowed_along(point, point, segment.seen);
+            let unshadowed = self.unshadowed([point; 2], segment);
             sum += (light.share * unshadowed + light.rest) * 0.5;
         }
         sum
+    }
+
+    /// Unshadowed light of point and spot lights on a part of a pixel's segment.
+    pub(super) fn unshadowed(&self, ends: [Vec3; 2], segment: &RaySegment<G::Share>) -> Rgb {
+        let camera = self.view.camera.origin();
+        let width = |light: Vec3| self.view.pixel_angle * light.distance(camera);
+        (self.lights).unshadowed_along(ends, width, segment.seen)
     }
 
     /// Indirect light on a segment at a front; `None` elsewhere, and if no vertex around is seen.

@@ -241,7 +241,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     fn direct(&self, segment: &RaySegment<G::Share>, memo: &mut RayMemo) -> Rgb {
         let (lattices, [from, to]) = (&self.lattices[segment.volume], segment.ends);
         let spacing = lattices.voxel * (1 << segment.level) as f32;
-        let unshadowed = |from, to| self.lights.unshadowed_along(from, to, segment.seen);
+        let unshadowed = |from, to| self.unshadowed([from, to], segment);
         // What arrives of a point light has a cusp at the light.
         let near = self
             .lights
