@@ -17,6 +17,7 @@
 //! | `direct` | direct light at vertices, and how it falls between them |
 //! | `sweep/` | indirect light at the vertices of thin bricks, by discrete ordinates |
 //! | `lvoxel_light` | light that lvoxels send each other, of a tree that tells it |
+//! | `walls` | surfaces among media |
 //! | `far_field` | probes of the surfaces around a medium |
 //! | `dense` | light in voxels so deep that no vertex tells |
 //! | `seen_channels` | which channels of a medium a camera ray still sees
@@ -44,6 +45,7 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 mod vertices;
+mod walls;
 
 pub use counts::MediaCounts;
 pub use gatherer::GatherInMedia;

@@ -1,10 +1,12 @@
-//! Where light of emitters is not linear between the vertices of a cell.
+//! Where light of emitters, and indirect light, is not linear between the vertices of a cell.
 
 use super::InScatter;
 use crate::inscatter::direct::DIRECT_LEVELS;
 use crate::inscatter::gatherer::GatherInMedia;
 use crate::inscatter::occupied;
 use crate::inscatter::vertices::Vertices;
+use crate::math::Rgb;
+use crate::run::walked::note_asked;
 
 /// What is known of how light of emitters bends in the cells of each lattice of direct light.
 #[derive(Debug)]
@@ -30,6 +32,11 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     const FAR_LEVELS: usize = 3;
     /// Factor between light in the middle of a cell and what its vertices tell of it.
     const MAX_BEND: f32 = 1.2;
+    /// Vertices of gathered light that are further apart than so many pixels are looked between:
+    /// there, light has the noise of a gather, which finer ones have, too.
+    pub(super) const BENDING_SPACING_PIXELS: f32 = 24.0;
+    /// Factor as above, of light with that noise.
+    const MAX_INDIRECT_BEND: f32 = 1.3;
 
     /// Whether light of emitters in the middle of a cell, where so many lattices serve, is not what
     /// it is between its vertices, as in the plane of a flat lamp, which sends none along that.
@@ -54,6 +61,38 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             let linear = 0.125 * occupied::around(cell, count).map(at_vertex).sum::<f32>();
             let middle = unshadowed(p + 0.5 * (1 << level) as f32);
             linear.max(middle) > Self::MAX_BEND * linear.min(middle)
+        })
+    }
+
+    /// Indirect light at a vertex that is not swept.
+    pub(super) fn indirect_vertex(&self, volume: usize, level: usize, v: [usize; 3]) -> Rgb {
+        note_asked(true);
+        *self.lattices[volume].indirect[level].get(v, &|p, v| {
+            let key = self.key(volume, level, v);
+            self.gathered(volume, p, self.to_scene(volume, p), key)
+        })
+    }
+
+    /// Whether indirect light in the middle of a cell is not what it is between its vertices, of
+    /// which `at` tells, as above a spot of light on a floor. The middle is a vertex of the next
+    /// finer lattice.
+    pub(super) fn indirect_bends(
+        &self,
+        volume: usize,
+        level: usize,
+        cell: [usize; 3],
+        at: impl Fn([usize; 3]) -> Rgb,
+    ) -> bool {
+        let lattices = &self.lattices[volume];
+        let (Some(bends), Some(finer)) = (&lattices.indirect_bends, level.checked_sub(1)) else {
+            return false;
+        };
+        *bends[level].get(cell, &|_, cell| {
+            let corners = occupied::around(cell, lattices.indirect[level].count());
+            let linear = 0.125 * corners.map(|v| at(v).luminance()).sum::<f32>();
+            let middle = cell.map(|c| 2 * c + 1);
+            let middle = self.indirect_vertex(volume, finer, middle).luminance();
+            linear.max(middle) > Self::MAX_INDIRECT_BEND * linear.min(middle)
         })
     }
 }

@@ -13,9 +13,10 @@ use crate::inscatter::near_emitters::NearEmitters;
 use crate::inscatter::scattered::ScatteredLight;
 use crate::inscatter::spacing::LeastSpacing;
 use crate::inscatter::sweep::{SWEPT_LEVELS, Sweep, SweepScope};
-use crate::inscatter::vertices::Vertices;
+use crate::inscatter::vertices::{BORDER_MARGIN_VOXELS, Vertices};
+use crate::inscatter::walls;
 use crate::light::{Lights, SceneMedia};
-use crate::math::{Rgb, sampling};
+use crate::math::{Aabb, Rgb, sampling};
 use crate::run::Job;
 use crate::tree::IncidentGrid;
 use crate::view::{View, VisibleMedia};
@@ -33,6 +34,9 @@ pub(super) struct VolumeLattices<'a> {
     pub scattered: Option<ScatteredLight<'a>>,
     /// By log2 of the voxels between vertices.
     pub indirect: [Vertices<Rgb>; SWEPT_LEVELS],
+    /// By the first vertex of a cell, whether indirect light bends in it; none where no surface
+    /// sends any, and where walls stand among vertices, so that light ends at them.
+    pub indirect_bends: Option<[Vertices<bool>; SWEPT_LEVELS]>,
     /// At fronts, by log2 of the voxels between vertices.
     pub seen_fronts: [Vertices<SeenFront>; DIRECT_LEVELS],
     pub far_field: FarField,
@@ -157,11 +161,21 @@ impl<'a> VolumeLattices<'a> {
             }
             (None, None) => Default::default(),
         };
+        let own = volume.bounds();
+        let border = BORDER_MARGIN_VOXELS * voxel;
+        let inner = Aabb {
+            min: own.min + border,
+            max: own.max - border,
+        };
+        let mesh = &view.tracer.scene.mesh;
+        let may_bend = sweeper.is_some() && !is_alone && !walls::are_within(mesh, inner);
         Ok(Self {
             direct: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
             bends: emitters.are_any().then(|| Bends::new(dims)),
             scattered,
             indirect: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
+            indirect_bends: may_bend
+                .then(|| std::array::from_fn(|level| Vertices::new(dims, 1 << level))),
             seen_fronts: std::array::from_fn(|level| Vertices::new(dims, 1 << level)),
             far_field,
             sweep,

@@ -411,13 +411,7 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             return light;
         }
         let lattices = &self.lattices[segment.volume];
-        let vertex = |level: usize, v: [usize; 3]| {
-            note_asked(true);
-            *lattices.indirect[level].get(v, &|p, v| {
-                let key = self.key(segment.volume, level, v);
-                self.gathered(segment.volume, p, self.to_scene(segment.volume, p), key)
-            })
-        };
+        let vertex = |level, v| self.indirect_vertex(segment.volume, level, v);
         let sweep = lattices.sweep.as_ref();
         let swept_level = sweep.and_then(|sweep| sweep.level_at(segment.at));
         // An environment lights media directly, through what is before them.
@@ -457,6 +451,11 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             let is_close = is_swept && pixels <= swept_pixels
                 || is_finest && pixels <= Self::WIDE_SPACING_PIXELS;
             memo.between[1] = lattices.voxel * (1 << level) as f32;
+            let may_bend = is_finest && level > finest && pixels > Self::BENDING_SPACING_PIXELS;
+            let at = |v| swept(v).unwrap_or_else(|| vertex(level, v));
+            if may_bend && self.indirect_bends(segment.volume, level, around.vertex(0), at) {
+                continue;
+            }
             if is_alike || is_close {
                 return rgb(blend(values, &around.weights, |v| *v));
             }

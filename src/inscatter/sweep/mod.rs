@@ -22,7 +22,7 @@ use super::far_field::{FarField, Surroundings};
 use super::gatherer::GatherInMedia;
 use super::spacing::LeastSpacing;
 use super::sparse::{SparseLattice, SparseValues};
-use super::{memory, occupied};
+use super::{memory, occupied, walls};
 use crate::Result;
 use crate::math::{Aabb, Ray, Rgb, Spectrum};
 use crate::run::Job;
@@ -148,7 +148,7 @@ impl Sweep {
         let media = MediaBox {
             bounds,
             own: scope.volume.bounds(),
-            has_walls: scope.has_walls(bounds),
+            has_walls: walls::are_within(&scope.view.tracer.scene.mesh, bounds),
         };
         let is_layered = |level: usize| {
             LayeredSweep::is_for(scope, &media, densest) && LayeredSweep::serves(scope, 1 << level)
@@ -440,19 +440,5 @@ impl<G: GatherInMedia> SweepScope<'_, G> {
             }
             _ => 1.0,
         }
-    }
-
-    /// Whether any surface may stand among the media.
-    fn has_walls(&self, bounds: Aabb) -> bool {
-        let mesh = &self.view.tracer.scene.mesh;
-        let meets =
-            |min: Vec3, max: Vec3| min.cmple(bounds.max).all() && max.cmpge(bounds.min).all();
-        let is_within = |i: usize| {
-            let [a, b, c] = mesh.corners(i);
-            meets(a.min(b).min(c), a.max(b).max(c))
-        };
-        let mut instances = mesh.instances.list().iter();
-        (0..mesh.flat_count()).into_par_iter().any(is_within)
-            || instances.any(|i| meets(i.bounds.min, i.bounds.max))
     }
 }
