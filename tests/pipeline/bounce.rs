@@ -86,22 +86,22 @@ fn light_in_a_closed_room_is_a_geometric_series() {
 }
 
 /// Smoke that takes no light changes nothing in a room whose walls all shine, and its box ends
-/// right on these. It is 0.7 % too bright.
+/// right on these.
 #[test]
 fn smoke_that_takes_nothing_may_fill_a_closed_room() {
     let text = format!(
-        "{}[[volume]]\nfile = \"full.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nvalue_scale = 0.004\n\
+        "{}[[volume]]\nfile = \"full.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\nvalue_scale = 0.004\n\
          sigma_t_scale = 3\nalbedo = [1, 1, 1]\nunitcube_to_world = [[1, 0, 0, -0.5], \
          [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n",
-        closed_room(0.8).replace("width = 16\nheight = 16", "width = 64\nheight = 64")
+        closed_room(0.8)
     );
     let work = Work::new(&text);
-    fs::write(work.path("full.raw"), [250; 4096]).unwrap();
+    fs::write(work.path("full.raw"), [250; 512]).unwrap();
     let scene = work.scene();
     let tree = work.bake(&scene, 30_000);
     let tree = bounced(&scene, &tree, Bounces::All, None).unwrap();
     let found = mean(&beauty(&shade(&scene, &tree, &frames::Settings::default())));
-    assert!((found / 5.0 - 1.0).abs() < 0.015, "{found}");
+    assert!((found / 5.0 - 1.0).abs() < 0.01, "{found}");
 }
 
 /// Smoke in two parts, each of its own albedo, is lit as smoke of both of them together: it is 5 %

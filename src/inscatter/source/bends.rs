@@ -3,6 +3,7 @@
 use super::InScatter;
 use crate::inscatter::direct::DIRECT_LEVELS;
 use crate::inscatter::gatherer::GatherInMedia;
+use crate::inscatter::lvoxel_light::LvoxelMemo;
 use crate::inscatter::occupied;
 use crate::inscatter::vertices::Vertices;
 use crate::math::Rgb;
@@ -35,8 +36,8 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     /// Vertices of gathered light that are further apart than so many pixels are looked between:
     /// there, light has the noise of a gather, which finer ones have, too.
     pub(super) const BENDING_SPACING_PIXELS: f32 = 24.0;
-    /// Factor as above, of light with that noise.
-    const MAX_INDIRECT_BEND: f32 = 1.3;
+    /// Factor as above, of all indirect light.
+    const MAX_INDIRECT_BEND: f32 = 1.15;
 
     /// Whether light of emitters in the middle of a cell, where so many lattices serve, is not what
     /// it is between its vertices, as in the plane of a flat lamp, which sends none along that.
@@ -74,8 +75,8 @@ impl<G: GatherInMedia> InScatter<'_, G> {
     }
 
     /// Whether indirect light in the middle of a cell is not what it is between its vertices, of
-    /// which `at` tells, as above a spot of light on a floor. The middle is a vertex of the next
-    /// finer lattice.
+    /// which `at` tells, as above a spot of light on a floor: that of surfaces, over all of it. The
+    /// middle is a vertex of the next finer lattice.
     pub(super) fn indirect_bends(
         &self,
         volume: usize,
@@ -91,8 +92,13 @@ impl<G: GatherInMedia> InScatter<'_, G> {
             let corners = occupied::around(cell, lattices.indirect[level].count());
             let linear = 0.125 * corners.map(|v| at(v).luminance()).sum::<f32>();
             let middle = cell.map(|c| 2 * c + 1);
+            let of_lvoxels = lattices.lvoxels.as_ref().map_or(Rgb::BLACK, |lvoxels| {
+                let point = self.to_scene(volume, lattices.indirect[finer].at(middle));
+                lvoxels.at(point, &mut LvoxelMemo::default()).0
+            });
+            let rest = of_lvoxels.luminance();
             let middle = self.indirect_vertex(volume, finer, middle).luminance();
-            linear.max(middle) > Self::MAX_INDIRECT_BEND * linear.min(middle)
+            rest + linear.max(middle) > Self::MAX_INDIRECT_BEND * (rest + linear.min(middle))
         })
     }
 }
