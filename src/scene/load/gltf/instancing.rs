@@ -3,7 +3,7 @@
 
 use super::{Reader, local_of};
 use crate::scene::Mesh;
-use crate::scene::builder::{Copies, MeshInput};
+use crate::scene::builder::{Copies, MeshInput, is_singular};
 use crate::{Error, Result};
 use ::gltf::mesh::{Mode, Primitive, Semantic};
 use ::gltf::{Document, Node};
@@ -148,6 +148,27 @@ impl Reader<'_> {
             )
         };
         Ok((0..count).map(place).collect())
+    }
+
+    /// The places of a mesh at which it is drawn; those of others are counted and told.
+    pub(super) fn drawn(&mut self, places: impl Iterator<Item = DAffine3>) -> Vec<DAffine3> {
+        let (finite, others) = places.partition::<Vec<_>, _>(DAffine3::is_finite);
+        let (flattened, drawn) = finite.into_iter().partition::<Vec<_>, _>(is_singular);
+        for (what, count) in [
+            (
+                "instances whose places are not finite are left out",
+                others.len(),
+            ),
+            (
+                "instances that are scaled to nothing are left out",
+                flattened.len(),
+            ),
+        ] {
+            if count > 0 {
+                self.left_out.note(what, format_args!("{count}"));
+            }
+        }
+        drawn
     }
 
     /// Keeps a mesh that stands at some places, if it is one of those that are kept once. Gives the

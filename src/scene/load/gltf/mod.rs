@@ -244,7 +244,10 @@ impl<'a> Reader<'a> {
     fn node(&mut self, node: &Node<'_>, world_from_node: &DAffine3) -> Result<()> {
         let is_used = node.mesh().is_some() || node.camera().is_some() || node.light().is_some();
         if is_used && is_singular(world_from_node) {
-            let what = "nodes that are scaled to nothing are left out";
+            let what = match world_from_node.is_finite() {
+                true => "nodes that are scaled to nothing are left out",
+                false => "nodes whose places are not finite are left out",
+            };
             let (index, name) = (node.index(), quoted(node.name()));
             self.left_out.note(what, format_args!("node {index}{name}"));
             return Ok(());
@@ -252,12 +255,7 @@ impl<'a> Reader<'a> {
         if let Some(mesh) = node.mesh() {
             let places = self.places(node)?.into_iter();
             let places = places.map(|place| *world_from_node * place);
-            let (flattened, places) = places.partition::<Vec<_>, _>(is_singular);
-            if !flattened.is_empty() {
-                let what = "instances that are scaled to nothing are left out";
-                self.left_out
-                    .note(what, format_args!("{}", flattened.len()));
-            }
+            let places = self.drawn(places);
             let flat = self.keep_once(&mesh, places)?.unwrap_or_default();
             for world_from_mesh in &flat {
                 self.flat(&mesh, world_from_mesh)?;
@@ -569,11 +567,12 @@ fn local(node: &Node<'_>) -> DAffine3 {
 }
 
 fn local_of(translation: DVec3, rotation: DQuat, scale: DVec3) -> DAffine3 {
-    // A quaternion of zeros becomes no rotation rather than no numbers.
+    // A quaternion of zeros becomes no rotation rather than no numbers; one that is not finite makes
+    // a place that is told.
     let length = rotation.length();
-    let rotation = match length.is_finite() && length > 0.0 {
-        true => rotation / length,
-        false => DQuat::IDENTITY,
+    let rotation = match length == 0.0 {
+        true => DQuat::IDENTITY,
+        false => rotation / length,
     };
     DAffine3::from_scale_rotation_translation(scale, rotation, translation)
 }

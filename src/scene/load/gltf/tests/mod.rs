@@ -559,3 +559,40 @@ fn meshes_stand_at_all_places_that_a_node_lists() {
     let error = load(&glb(&json, &bin)).map(drop).unwrap_err().to_string();
     assert!(error.contains("there is no accessor 99"), "{error}");
 }
+
+#[test]
+fn places_that_are_not_finite_are_told_and_left_out() {
+    let told = |json: &Value, bin: &[u8]| {
+        let mut files = Files::default();
+        let import = read(&glb(json, bin), Path::new("x.glb"), &mut files).unwrap();
+        (import.mesh.triangles.len(), files.warnings)
+    };
+    // JSON has no word for it, but numbers that are beyond f32.
+    for (key, value) in [
+        ("rotation", json!([1e39, 0.0, 0.0, 1.0])),
+        ("translation", json!([1e39, 0.0, 0.0])),
+    ] {
+        let (mut json, bin) = sample();
+        json["nodes"][1][key] = value;
+        let expected = "x.glb: nodes whose places are not finite are left out: node 1";
+        assert_eq!(told(&json, &bin), (0, vec![expected.into()]), "{key}");
+    }
+    for (key, kind, values) in [
+        ("ROTATION", "VEC4", [f32::NAN, 0.0, 0.0, 1.0].as_slice()),
+        ("TRANSLATION", "VEC3", &[0.0, f32::NAN, 0.0]),
+        ("SCALE", "VEC3", &[1.0, 1.0, f32::INFINITY]),
+    ] {
+        let (mut json, mut bin) = sample();
+        let offset = bin.len();
+        bin.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        json["buffers"][0]["byteLength"] = json!(bin.len());
+        let view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": 4 * values.len() });
+        json["bufferViews"].as_array_mut().unwrap().push(view);
+        let accessor = json!({ "bufferView": 2, "componentType": 5126, "count": 1, "type": kind });
+        json["accessors"].as_array_mut().unwrap().push(accessor);
+        let list = json!({ "attributes": { key: 3 } });
+        json["nodes"][1]["extensions"] = json!({ "EXT_mesh_gpu_instancing": list });
+        let expected = "x.glb: instances whose places are not finite are left out: 1";
+        assert_eq!(told(&json, &bin), (0, vec![expected.into()]), "{key}");
+    }
+}
