@@ -2,6 +2,9 @@
 
 use crate::{Error, Result};
 
+/// What to do where a file ends too early.
+const CUT_SHORT: &str = "the file is cut short or damaged: copy it again, or export it again";
+
 /// A slice and how far it has been read.
 pub(super) struct Bytes<'a> {
     content: &'a [u8],
@@ -29,7 +32,8 @@ impl<'a> Bytes<'a> {
             _ => Err(Error::input(format!(
                 "an offset of {offset} is beyond the {} bytes of the file",
                 self.content.len()
-            ))),
+            ))
+            .hint(CUT_SHORT)),
         }
     }
 
@@ -38,10 +42,11 @@ impl<'a> Bytes<'a> {
         let rest = &self.content[self.at..];
         let taken = rest.get(..n).ok_or_else(|| {
             Error::input(format!(
-                "expected {n} more bytes at offset {}, found {}; the file is truncated or damaged",
+                "expected {n} more bytes at offset {}, found {}",
                 self.at,
                 rest.len()
             ))
+            .hint(CUT_SHORT)
         })?;
         self.at += n;
         Ok(taken)

@@ -356,7 +356,12 @@ fn damage_is_an_error_or_harmless_but_never_a_panic() {
         };
         let content = spec.file();
         for cut in (0..content.len()).step_by(37) {
-            assert!(load(&content[..cut]).is_err(), "cut at {cut}");
+            let error = load(&content[..cut]).map(drop).unwrap_err();
+            let is_told = error
+                .hint_text()
+                .is_some_and(|hint| hint.contains("copy it again"));
+            // Of less than the magic number it is not known what it is.
+            assert!(is_told || cut < 8, "cut at {cut}: {error}");
         }
         // The masks of the large nodes are thousands of zeros; every byte elsewhere is flipped.
         let step = |at: usize| if content[at] == 0 && at > 1024 { 13 } else { 1 };
