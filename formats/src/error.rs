@@ -1,6 +1,6 @@
 //! What can be wrong with a file.
 
-use crate::one_line;
+use crate::{FileKind, one_line};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -19,6 +19,8 @@ pub enum FormatError {
         expected: [u8; 8],
         /// The first bytes of the file, at most eight.
         found: Vec<u8>,
+        /// The kind that the caller wanted, if it was one.
+        wanted: Option<FileKind>,
     },
     /// An lvox file of another kind.
     #[error("expected a {expected}, found a {}", one_line(found))]
@@ -150,17 +152,16 @@ impl FormatError {
     #[must_use]
     pub fn hint(&self) -> Option<&'static str> {
         match self.cause() {
-            Self::NotOurs { .. } => Some("give a cloud (.lvc) or a tree (.lvt) written by lvox"),
-            Self::WrongKind { expected, .. } if expected.starts_with("tree") => {
-                Some("make a tree from a cloud with `lvox build`")
+            Self::NotOurs { wanted: None, .. } => {
+                Some("give a cloud (.lvc) or a tree (.lvt) written by lvox")
             }
-            Self::WrongKind { expected, .. } if expected.starts_with("file of scattered light") => {
-                Some("make one from a scene and its tree with `lvox scatter`")
+            Self::NotOurs {
+                wanted: Some(kind), ..
+            } => Some(kind.origin()),
+            Self::WrongKind { expected, .. } => {
+                let kind = FileKind::ALL.into_iter().find(|k| k.name() == expected);
+                kind.map(FileKind::origin)
             }
-            Self::WrongKind { expected, .. } if expected.starts_with("packed scene") => {
-                Some("make one from a scene with `lvox pack`")
-            }
-            Self::WrongKind { .. } => Some("give the cloud (.lvc) that `lvox bake` wrote"),
             Self::Version { found, supported } if found > supported => {
                 Some("the file was written by a newer lvox: use that one, or make the file again")
             }

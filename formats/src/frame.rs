@@ -35,6 +35,8 @@ pub enum FileKind {
 }
 
 impl FileKind {
+    pub(crate) const ALL: [Self; 4] = [Self::Cloud, Self::Tree, Self::Scatter, Self::Packed];
+
     fn code(self) -> [u8; 4] {
         match self {
             Self::Cloud => *b"LVC\0",
@@ -50,6 +52,16 @@ impl FileKind {
             Self::Tree => "tree (.lvt)",
             Self::Scatter => "file of scattered light (.lvs)",
             Self::Packed => "packed scene (.lvp)",
+        }
+    }
+
+    /// How to come by one, for hints.
+    pub(crate) fn origin(self) -> &'static str {
+        match self {
+            Self::Cloud => "give the cloud (.lvc) that `lvox bake` wrote",
+            Self::Tree => "make a tree from a cloud with `lvox build`",
+            Self::Scatter => "make scattered light from a scene and its tree with `lvox scatter`",
+            Self::Packed => "make a packed scene from a scene with `lvox pack`",
         }
     }
 
@@ -85,11 +97,11 @@ impl FileKind {
     /// [`FormatError::NotOurs`], [`FormatError::Truncated`], or [`FormatError::Invalid`] for an
     /// unknown kind.
     pub fn of(data: &[u8]) -> Result<Self> {
-        check_magic(data)?;
+        check_magic(data, None)?;
         let Some(code) = data.get(8..12) else {
             return Err(truncated(HEADER_LEN as u64, data));
         };
-        [Self::Cloud, Self::Tree, Self::Scatter, Self::Packed]
+        Self::ALL
             .into_iter()
             .find(|kind| kind.code() == code)
             .ok_or_else(|| {
@@ -212,12 +224,13 @@ fn truncated(expected: u64, data: &[u8]) -> FormatError {
     }
 }
 
-fn check_magic(data: &[u8]) -> Result<()> {
+fn check_magic(data: &[u8], wanted: Option<FileKind>) -> Result<()> {
     let head = &data[..data.len().min(MAGIC.len())];
     if head != &MAGIC[..head.len()] || head.is_empty() {
         return Err(FormatError::NotOurs {
             expected: MAGIC,
             found: head.into(),
+            wanted,
         });
     }
     if head.len() < MAGIC.len() {
@@ -235,7 +248,7 @@ struct Header {
 
 impl Header {
     fn read(data: &[u8], kind: FileKind) -> Result<Self> {
-        check_magic(data)?;
+        check_magic(data, Some(kind))?;
         // The version comes before all else: another version may differ in everything that follows.
         let mut cursor = Cursor::new(&data[MAGIC.len()..], "header");
         let short = |_| truncated(HEADER_LEN as u64, data);

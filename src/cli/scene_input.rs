@@ -4,6 +4,7 @@ use super::files::Files;
 use super::frames::{refuse_tokens, words as words_at_frame};
 use super::options::Context;
 use super::parse;
+use crate::formats::Packed;
 use crate::run::frames;
 use crate::scene::Scene;
 use crate::scene::load::{Change, Settings, packed_file};
@@ -200,7 +201,7 @@ impl SceneInput {
     /// scene.
     ///
     /// # Errors
-    /// If there is neither, or a scene file that cannot be read.
+    /// If there is neither, a scene file that cannot be read, or what is no packed scene.
     pub fn tree(&self, named: Option<&PathBuf>, frame: Option<i32>) -> Result<PathBuf> {
         if let Some(path) = named {
             return Ok(path.clone());
@@ -209,10 +210,13 @@ impl SceneInput {
             let settings = self.reading.settings(frame);
             packed_file(path, &settings)
         });
-        packed.transpose()?.flatten().ok_or_else(|| {
+        let packed = packed.transpose()?.flatten().ok_or_else(|| {
             Error::input("no tree was given")
                 .hint("name one with --tree, or a packed scene that holds one")
-        })
+        })?;
+        // What is no packed scene would be told as no tree.
+        Packed::open_path(&packed)?;
+        Ok(packed)
     }
 
     /// Loads it.

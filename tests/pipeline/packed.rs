@@ -251,7 +251,10 @@ fn outputs_of_pack_keep_the_rules_of_all_outputs() {
         .refused(2, &["no tree was given", "--tree"]);
     fs::write(here.join("wrong.lvp"), "no scene").unwrap();
     lvox(here, &["bake", "wrong.lvp", "-o", "a.lvc"])
-        .refused(2, &["wrong.lvp", "not an lvox file"]);
+        .refused(2, &["wrong.lvp", "not an lvox file", "`lvox pack`"]);
+    // Of which the tree is wanted first.
+    lvox(here, &["shade", "wrong.lvp", "-o", "a.exr"])
+        .refused(2, &["wrong.lvp", "not an lvox file", "`lvox pack`"]);
     assert!(!work.names().iter().any(|n| n == "a.exr" || n == "a.lvc"));
 }
 

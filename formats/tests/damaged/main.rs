@@ -115,6 +115,17 @@ fn other_files_have_their_own_errors() {
 
     let error = Cloud::open(b"\x89PNG\r\n\x1a\nand so on").err().unwrap();
     assert!(matches!(error, FormatError::NotOurs { .. }));
+    // As of lvox files of another kind.
+    let hints = [
+        (Cloud::open(b"").err(), "bake"),
+        (Tree::open(b"").err(), "build"),
+        (Scatter::open(b"").err(), "scatter"),
+        (Packed::open(b"").err(), "pack"),
+    ];
+    for (error, verb) in hints {
+        let hint = error.unwrap().hint().unwrap();
+        assert!(hint.contains(&format!("`lvox {verb}`")), "{hint}");
+    }
     // A text transfer drops the carriage return.
     let mut text = cloud.clone();
     text.remove(4);
