@@ -1,11 +1,12 @@
 //! Files that were made from another scene than the one at hand.
 
 use super::options::Context;
+use crate::formats::one_line;
 use crate::scene::Scene;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Warns of a file that was made from another scene, of which it has the hash and, among its
+/// Warns, once, of a file that was made from another scene, of which it has the hash and, among its
 /// settings, digests of the parts.
 ///
 /// # Errors
@@ -23,7 +24,15 @@ pub fn warn_if_out_of_date(
     if context.same_scene {
         return Err(Error::input(warning).hint("give each job a folder of its own"));
     }
-    context.job.progress.warn(&warning);
+    // A packed scene holds both a tree and its scattered light, and each frame looks at them.
+    if !context
+        .job
+        .progress
+        .warnings()
+        .contains(&one_line(&warning))
+    {
+        context.job.progress.warn(&warning);
+    }
     Ok(())
 }
 

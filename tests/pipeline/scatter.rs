@@ -237,6 +237,18 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
         let warning = format!("{file}: baked from a scene of other lights");
         assert!(told.stderr.contains(&warning), "{}", told.stderr);
     }
+    // Packed in one file they are told once.
+    let pack = [
+        "pack",
+        "changed.toml",
+        "-o",
+        "all.lvp",
+        "--progress",
+        "none",
+    ];
+    lvox(&work, &[&pack[..], &own].concat()).done();
+    let told = shade("all.lvp", &[]).stderr;
+    assert_eq!(told.matches("all.lvp: baked from").count(), 1, "{told}");
     // What is added far away moves the frame of the scene, and no volume.
     let far = "[[mesh]]\nfile = \"builtin:cube\"\ntranslate = [1000, 5, 0]\n[[volume]]";
     changed("[[volume]]", far);
