@@ -5,11 +5,12 @@ use super::options::{Context, Resume};
 use super::out_of_date::warn_if_out_of_date;
 use super::plan::{Plan, Planning};
 use super::scene_input::SceneInput;
-use crate::Result;
 use crate::formats::FileKind;
 use crate::pack;
+use crate::scene::load::is_packed;
 use crate::tree::OpenTree;
-use std::path::PathBuf;
+use crate::{Error, Result};
+use std::path::{Path, PathBuf};
 
 /// Pack a scene into one file that needs no other: every verb takes it in place of the scene
 ///
@@ -52,6 +53,7 @@ impl Args {
     }
 
     pub fn run(self, context: &Context) -> Result<()> {
+        check_name(&self.output)?;
         let overwrite = (self.resume).overwrite(&self.output, FileKind::Packed, context);
         check_writable(&self.output, overwrite)?;
         let job = &context.job;
@@ -87,4 +89,16 @@ impl Args {
         }
         pack::run(&scene, files, &self.output, overwrite, job)
     }
+}
+
+/// Refuses a name by which no verb would know the file as a scene: its extension tells.
+fn check_name(output: &Path) -> Result<()> {
+    if is_packed(output) {
+        return Ok(());
+    }
+    let name = output.display();
+    Err(
+        Error::input(format!("{name}: a packed scene has to be named .lvp"))
+            .hint(format!("name it {name}.lvp")),
+    )
 }

@@ -244,8 +244,18 @@ fn outputs_of_pack_keep_the_rules_of_all_outputs() {
     lvox(here, &pack).refused(2, &["scene.lvp", "already there", "--force"]);
     lvox(here, &[&pack[..], &["--force"]].concat()).done();
     lvox(here, &["pack", "scene.lvp", "-o", "scene.lvp", "--force"]).refused(2, &["would replace"]);
-    lvox(here, &["pack", "scene.toml", "-o", "smoke.raw", "--force"])
-        .refused(2, &["would replace"]);
+    fs::write(here.join("described.toml"), "packed = \"scene.lvp\"\n").unwrap();
+    lvox(
+        here,
+        &["pack", "described.toml", "-o", "scene.lvp", "--force"],
+    )
+    .refused(2, &["would replace the file of the scene"]);
+    // No verb would know them as scenes.
+    for name in ["scene", "smoke.raw"] {
+        let hint = format!("name it {name}.lvp");
+        lvox(here, &["pack", "scene.toml", "-o", name, "--force"])
+            .refused(2, &[name, "has to be named .lvp", &hint]);
+    }
     lvox(here, &["shade", "scene.lvp", "-o", "a.exr"]).refused(2, &["scene.lvp", "tree"]);
     lvox(here, &["shade", "scene.toml", "-o", "a.exr"])
         .refused(2, &["no tree was given", "--tree"]);
@@ -255,7 +265,8 @@ fn outputs_of_pack_keep_the_rules_of_all_outputs() {
     // Of which the tree is wanted first.
     lvox(here, &["shade", "wrong.lvp", "-o", "a.exr"])
         .refused(2, &["wrong.lvp", "not an lvox file", "`lvox pack`"]);
-    assert!(!work.names().iter().any(|n| n == "a.exr" || n == "a.lvc"));
+    let made = |n: &String| ["a.exr", "a.lvc", "scene"].contains(&n.as_str());
+    assert!(!work.names().iter().any(made));
 }
 
 /// What the file says behind right checksums, and what it is cut to, is an error of its name.
