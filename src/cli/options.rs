@@ -229,6 +229,13 @@ impl Context {
     pub fn take_files(&mut self, files: Files) -> Result<()> {
         files.check_inputs()?;
         self.outputs = files.outputs;
+        // Written, too, but kept from run to run, and shared by frames.
+        for (what, cache) in [
+            ("--radiance-cache", &self.job.radiance_cache),
+            ("--gather-cache", &self.job.gather_cache),
+        ] {
+            self.outputs.extend(cache.clone().map(|path| (what, path)));
+        }
         self.keep_apart(&files.inputs)?;
         self.check_report()
     }

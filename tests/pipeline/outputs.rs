@@ -25,7 +25,7 @@ fn no_output_takes_the_place_of_an_input_or_another_output() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     fs::copy(work.path("p.exr"), work.path("q.exr")).unwrap();
     let before = contents(&work);
-    let inputs: [(&str, &str); 16] = [
+    let inputs: [(&str, &str); 21] = [
         ("bake scene.toml -o scene.toml --force", "scene"),
         (
             "bake scene.toml -o ./smoke.raw --force",
@@ -47,6 +47,26 @@ fn no_output_takes_the_place_of_an_input_or_another_output() {
             "tree",
         ),
         ("shade scene.toml -t p.exr -o p.exr", "tree"),
+        (
+            "shade scene.toml -t scene.lvt -o a.exr --radiance-cache a.exr",
+            "--output",
+        ),
+        (
+            "shade scene.toml -t scene.lvt -o a.exr --gather-cache ./a.exr",
+            "--output",
+        ),
+        (
+            "shade scene.toml -t scene.lvt -o a.exr --radiance-cache a --gather-cache a",
+            "--radiance-cache",
+        ),
+        (
+            "shade scene.toml -t scene.lvt -o a.exr --radiance-cache scene.lvt",
+            "tree",
+        ),
+        (
+            "tiles scene.toml -t scene.lvt -n 2 -o a --radiance-cache a",
+            "--output",
+        ),
         ("compare p.exr q.exr --heatmap p.exr", "image"),
         ("compare p.exr q.exr --report q.exr", "reference"),
         ("merge p.exr -o p.exr", "tile"),
