@@ -105,12 +105,7 @@ pub fn run(
 ) -> Result<TreeSummary> {
     settings.check()?;
     let source = tree.tree();
-    if let Some(bounces) = source.meta().bounces() {
-        return Err(Error::input(format!(
-            "expected a tree as `build` made it, found one whose light has bounced (`bounces` {bounces})"
-        ))
-        .hint("bounce the tree that this one was made from"));
-    }
+    check_tree(source)?;
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
     check_memory(scene, source, settings, job)?;
     (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
@@ -187,6 +182,20 @@ pub fn run(
         }
         Ok(summary)
     })
+}
+
+/// Refuses a tree whose light has bounced already.
+///
+/// # Errors
+/// Such a tree, which is not named.
+pub fn check_tree(tree: &Tree<MappedFile>) -> Result<()> {
+    match tree.meta().bounces() {
+        None => Ok(()),
+        Some(bounces) => Err(Error::input(format!(
+            "expected a tree as `build` made it, found one whose light has bounced (`bounces` {bounces})"
+        ))
+        .hint("bounce the tree that this one was made from")),
+    }
 }
 
 /// Two volumes that share a face, as parts of one cloud do: each is solved by itself.

@@ -67,6 +67,7 @@ impl Args {
         settings.check()?;
         let job = &context.job;
         let (scene, store, tree) = self.input.open(context)?;
+        bounce::check_tree(store.tree()).map_err(|e| e.at(tree.display()))?;
         if self.planning.plan {
             let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
             let plan = Plan::of(&self.files(), held).with_scene(&scene);
@@ -79,8 +80,7 @@ impl Args {
         let held = bounce::check_memory(&scene, store.tree(), &settings, job)?;
         let store = store.beside(held)?;
         job.heed_warnings()?;
-        bounce::run(&scene, &store, &self.output, &settings, overwrite, job)
-            .map_err(|e| e.at(tree.display()))?;
+        bounce::run(&scene, &store, &self.output, &settings, overwrite, job)?;
         times::say(context, "bounce", &[]);
         Ok(())
     }

@@ -98,3 +98,13 @@ fn threads_that_are_refused_are_one_line() {
     is_one_error(&run, &[1], &told(&run));
     assert!(told(&run).contains("1024 threads"), "{}", told(&run));
 }
+
+#[test]
+fn a_disk_that_is_full_is_told_of_the_file_that_is_written() {
+    let bench = Bench::of(stage("bounce"));
+    let run = bench.run(&mut bench.shell("ulimit -f 1; exec \"$@\""));
+    assert!(!bench.ended_well(&run, &[1], "ulimit -f 1"));
+    // Not of the tree that is read.
+    let error = format!("error: {}: cannot write", bench.output().display());
+    assert!(told(&run).starts_with(&error), "{}", told(&run));
+}

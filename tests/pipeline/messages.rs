@@ -58,6 +58,8 @@ fn rendering_is_baking_building_bouncing_and_shading() {
         "none",
     ];
     lvox(&work, &bounce).done();
+    let again = ["bounce", "scene.toml", "-t", "all.lvt", "-o", "more.lvt"];
+    lvox(&work, &again).refused(2, &["error: all.lvt: expected a tree as `build` made it"]);
     let shade = ["shade", "scene.toml", "--tree", "all.lvt", "-o", "b.exr"];
     let run = lvox(&work, &[&shade[..], &QUIET].concat());
     run.done();
