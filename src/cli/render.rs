@@ -112,7 +112,9 @@ impl Args {
         if let Some(path) = &self.keep_tree
             && !context.kept.borrow().has_tree(path)
         {
-            check_writable(path, self.overwrite(context))?;
+            let overwrite = self.overwrite(context);
+            refuse_tree(path, overwrite)?;
+            check_writable(path, overwrite)?;
         }
         let bake = self.bake.settings(self.seed.seed);
         bake.check()?;
@@ -218,6 +220,18 @@ impl Args {
         let store = settings.run(scene, folder.path(), &path, overwrite, job)?;
         Ok(KeptTree::new(path, store, Some(folder)))
     }
+}
+
+/// Refuses to replace a tree, as a run leaves one that ends while it shades, and says how to go on
+/// from it.
+fn refuse_tree(path: &Path, overwrite: Overwrite) -> Result<()> {
+    let is_tree = || FileKind::of_file(path).is_ok_and(|kind| kind == FileKind::Tree);
+    // A pipe would wait for someone to write.
+    if overwrite == Overwrite::Replace || !path.is_file() || !is_tree() {
+        return Ok(());
+    }
+    let hint = "--resume takes it if it is of this scene and these settings, --force replaces it";
+    Err(Error::input(format!("{}: a tree is already there", path.display())).hint(hint))
 }
 
 /// Settings of the stages that make a tree.

@@ -91,6 +91,27 @@ fn rendering_is_baking_building_bouncing_and_shading() {
 }
 
 #[test]
+fn a_tree_that_was_kept_is_told_with_how_to_go_on() {
+    let work = Work::new(ROOM);
+    let small = ["--resolution", "4x4"];
+    let render = [&RENDER[..], &small, &FEW, &QUIET].concat();
+    lvox(&work, &render).done();
+    let tree = fs::read(work.path("out.lvt")).unwrap();
+    // As a run leaves it that ends while it shades.
+    fs::remove_file(work.path("out.exr")).unwrap();
+    let told = ["out.lvt: a tree is already there", "--resume", "--force"];
+    lvox(&work, &render).refused(2, &told);
+    lvox(&work, &[&render[..], &["--resume"]].concat()).done();
+    assert!(work.path("out.exr").exists());
+    assert!(fs::read(work.path("out.lvt")).unwrap() == tree);
+    // What is no tree is none to go on from.
+    fs::write(work.path("out.lvt"), "notes").unwrap();
+    let run = lvox(&work, &render);
+    run.refused(2, &["out.lvt: the file is already there", "--force"]);
+    assert!(!run.stderr.contains("--resume"), "{}", run.stderr);
+}
+
+#[test]
 fn the_demo_needs_no_file_and_makes_both_kinds_of_image() {
     let work = Work::new("");
     fs::remove_file(work.path("scene.toml")).unwrap();
