@@ -37,8 +37,9 @@
 //! - `cloud`, `tree`, `scatter`, `packed`: the blocks of each kind. `media`: levels of
 //!   volumes, coded.
 //! - `quantise`: values to codes and back. `morton`, `bytes`, `codec`: tools.
-//! - `atomic`, `temporary`, `map`, `error`: files that appear complete, folders that go away,
-//!   mapped files, and errors. `leftover`: what a killed process left of the first two;
+//! - `atomic`, `temporary`, `map`, `scratch`, `error`: files that appear complete, folders that go
+//!   away, mapped files, files without a name, and errors. `give_back`: memory of the two before.
+//!   `leftover`: what a killed process left of the first two;
 //!   `emergency`: what one must know that ends at once. `text`: the one line that a message is.
 
 #![deny(missing_docs, unsafe_code)]
@@ -52,6 +53,7 @@ pub mod emergency;
 mod error;
 mod format;
 mod frame;
+mod give_back;
 mod leftover;
 mod map;
 mod media;
@@ -64,6 +66,7 @@ mod parts;
 mod quantise;
 pub mod record;
 mod scatter;
+mod scratch;
 mod summary;
 mod temporary;
 mod text;
@@ -74,6 +77,7 @@ pub use cloud::{CHUNK_RECORDS, Cloud, CloudFormat, CloudSample, CloudWriter};
 pub use error::{FormatError, Result};
 pub use format::{Format, PointBlocks};
 pub use frame::{Block, BlockKind, FileKind, VERSION};
+pub use give_back::GiveBack;
 pub use map::MappedFile;
 pub use media::{
     BRICK_EDGE, BRICK_VOXELS, BrickEntry, BrickSamples, BrickTable, MediaPage, PAGE_BRICKS,
@@ -96,6 +100,7 @@ pub use scatter::{
     CLUSTER_CUBES, CLUSTER_EDGE, CUBE_EDGE, ClusterId, Scatter, ScatterFormat, ScatterWriter,
     VertexCluster,
 };
+pub use scratch::{ScratchFile, ScratchPages};
 pub use summary::{
     CloudSummary, ColumnBytes, LeftOut, ScatterSummary, Sums, TreeLevel, TreeSummary, VolumeSums,
     WorstError,

@@ -1,11 +1,12 @@
 //! A file as a slice of bytes, paged in by the operating system.
 
 use crate::emergency::Mapped;
+use crate::give_back::GiveBack;
 use crate::{FormatError, Result};
 use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 /// A read-only memory map of a whole file.
 ///
@@ -130,15 +131,42 @@ impl MappedFile {
 
     /// Gives the memory behind a range of bytes back to the system, where the system has a call for
     /// it; the bytes stay what they are, and come from the file again when they are next read.
-    #[allow(unsafe_code)]
     pub fn release(&self, range: Range<usize>) {
-        let range = range.start..range.end.min(self.as_ref().len());
+        if let Some(map) = &self.map {
+            map.release(range);
+        }
+    }
+
+    /// What gives all of its memory back as long as it is mapped; none of an empty file.
+    #[must_use]
+    pub fn to_give_back(&self) -> Option<Weak<dyn GiveBack>> {
+        let map: Arc<dyn GiveBack> = self.map.clone()?;
+        Some(Arc::downgrade(&map))
+    }
+}
+
+impl MappedFile {
+    /// Tells the system that the file is read here and there, so that no more of it comes from the
+    /// disk than is asked for: what comes with it would take the place of what is used.
+    pub fn expect_random_access(&self) {
         #[cfg(unix)]
-        if let Some(map) = self.map.as_ref().filter(|_| !range.is_empty()) {
+        if let Some(map) = &self.map {
+            // Advice that is not taken costs memory and nothing else.
+            drop(map.map.advise(memmap2::Advice::Random));
+        }
+    }
+}
+
+impl Map {
+    #[allow(unsafe_code)]
+    fn release(&self, range: Range<usize>) {
+        let range = range.start..range.end.min(self.map.len());
+        #[cfg(unix)]
+        if !range.is_empty() {
             // SAFETY: the map is read-only and backed by the file, so pages that are dropped hold
             // nothing that the file does not. Slices of the map stay valid.
             let advised = unsafe {
-                map.map.unchecked_advise_range(
+                self.map.unchecked_advise_range(
                     memmap2::UncheckedAdvice::DontNeed,
                     range.start,
                     range.len(),
@@ -147,6 +175,12 @@ impl MappedFile {
             // Advice that is not taken costs memory and nothing else.
             drop(advised);
         }
+    }
+}
+
+impl GiveBack for Map {
+    fn give_back(&self) {
+        self.release(0..self.map.len());
     }
 }
 
