@@ -22,7 +22,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "trace",
         &["column", "error", "formats", "math", "run", "scene"],
     ),
-    ("light", &["error", "math", "scene", "trace"]),
+    ("light", &["error", "math", "run::List", "scene", "trace"]),
     // A tree is opened, and gathered from, on a machine that has no scene.
     ("tree", &["error", "formats", "math", "run"]),
     ("gather", &["error", "formats", "math", "run", "tree"]),

@@ -1,6 +1,7 @@
 //! How deep the cells of a medium lie in it: where little light gets, few rays tell it.
 
 use crate::math::unflatten;
+use crate::run::List;
 use crate::scene::Volume;
 use rayon::prelude::*;
 
@@ -12,7 +13,7 @@ pub struct Cover {
     edge: usize,
     dims: [usize; 3],
     /// x fastest.
-    depths: Vec<f32>,
+    depths: List<f32>,
 }
 
 impl Cover {
@@ -38,20 +39,30 @@ impl Cover {
             edge *= 2;
         }
         let dims = grid.blocks([edge; 3]);
-        let mut sigma_t = grid.means([edge; 3]);
+        let lists = grid.lists();
+        let cells = || lists.zeros_surely::<f32>(dims.iter().product());
+        let mut sigma_t = cells();
+        grid.write_means([edge; 3], &mut sigma_t);
         for other in others {
-            let sums = sigma_t.iter_mut().zip(other.sigma_t.means([edge; 3]));
+            let mut means = cells();
+            other.sigma_t.write_means([edge; 3], &mut means);
+            let sums = sigma_t.iter_mut().zip(&means[..]);
             sums.for_each(|(sum, other)| *sum += other);
         }
         let cell = volume.longest_voxel_edge() * edge as f32;
-        let mut depths = vec![f32::INFINITY; sigma_t.len()];
+        let mut depths = cells();
+        depths.fill(f32::INFINITY);
         let neighbours: Vec<usize> = (0..27).filter(|i| *i != 13).collect();
         for some in neighbours.chunks(Self::TOGETHER) {
             let way = |&i: &usize| unflatten(i, [3; 3]).map(|c| c as isize - 1);
-            let ways = some.par_iter().map(|i| along(way(i), &sigma_t, dims, cell));
+            let ways = some.par_iter().map(|i| {
+                let mut depths = cells();
+                write_along(way(i), &sigma_t, dims, cell, &mut depths);
+                depths
+            });
             for way in ways.collect::<Vec<_>>() {
-                let all = depths.iter_mut().zip(way);
-                all.for_each(|(least, depth)| *least = least.min(depth));
+                let all = depths.iter_mut().zip(&way[..]);
+                all.for_each(|(least, depth)| *least = least.min(*depth));
             }
         }
         Self { edge, dims, depths }
@@ -64,11 +75,10 @@ impl Cover {
     }
 }
 
-/// The optical depths from cells to the border, a neighbour after the other.
-fn along(way: [isize; 3], sigma_t: &[f32], dims: [usize; 3], cell: f32) -> Vec<f32> {
+/// Writes the optical depths from cells to the border, a neighbour after the other.
+fn write_along(way: [isize; 3], sigma_t: &[f32], dims: [usize; 3], cell: f32, depths: &mut [f32]) {
     let length = way.iter().map(|c| (c * c) as f32).sum::<f32>().sqrt();
     let half = 0.5 * cell * length;
-    let mut depths = vec![0.0; sigma_t.len()];
     // Each behind the one that its way leads to.
     let inward = |a: usize| {
         let count = dims[a];
@@ -88,7 +98,6 @@ fn along(way: [isize; 3], sigma_t: &[f32], dims: [usize; 3], cell: f32) -> Vec<f
             }
         }
     }
-    depths
 }
 
 #[cfg(test)]

@@ -24,30 +24,31 @@ pub fn check(scene: &Scene, settings: &Settings, job: &Job) -> Result<Budget> {
     let triangles = scene.mesh.triangles.len() as u64;
     let placed = (scene.mesh.triangle_count() - scene.mesh.flat_count()) as u64;
     let grids: usize = scene.volumes.iter().map(|v| v.sigma_t.bytes()).sum();
-    let media = if scene.volumes.is_empty() {
-        0
-    } else {
-        let cover = match scene.volumes.iter().any(Cover::is_worth_it) {
-            true => Cover::BYTES,
-            false => 0,
-        };
-        LVOXELS + grids as u64 / 2 + KeptLight::bytes_for(scene) + cover
+    let cover = match scene.volumes.iter().any(Cover::is_worth_it) {
+        true => Cover::BYTES,
+        false => 0,
     };
-    let budget = Budget::default()
-        .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes())
+    let kept = grids as u64 / 2 + KeptLight::bytes_for(scene) + cover;
+    let lvoxels = match scene.volumes.is_empty() {
+        true => 0,
+        false => LVOXELS,
+    };
+    let budget = (scene.budget(scene.bytes_of_grids() + kept, job))
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with("creases of surfaces", triangles * CREASES)
         .with("areas of instances", placed * AREAS)
-        .with("light in media", media)
-        .with("surfels", of_surfels(settings));
+        .with("lvoxels", lvoxels)
+        .with("surfels", of_surfels(scene, settings));
     budget.within("this bake", job.memory_limit, "raise `memory_limit`")?;
     Ok(budget)
 }
 
 /// Bytes of a batch of surfels: the records, their columns, and these compressed.
-pub fn of_surfels(settings: &Settings) -> u64 {
+pub fn of_surfels(scene: &Scene, settings: &Settings) -> u64 {
     const BATCHES: u64 = 3;
+    if scene.mesh.triangle_count() == 0 {
+        return 0;
+    }
     let samples = match &settings.surfels {
         SurfelSampling::Area { count } => (*count).min(BATCH_SURFELS),
         SurfelSampling::ByLight | SurfelSampling::Camera { .. } => BATCH_SURFELS,

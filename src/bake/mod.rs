@@ -149,7 +149,7 @@ fn bake_among<K: Spectrum>(
     overwrite: Overwrite,
     job: &Job,
 ) -> Result<CloudSummary> {
-    job.report.stage("bake", |counts| {
+    job.stage("bake", |counts| {
         let mut writer = CloudWriter::create(cloud, origin(scene, settings)?, overwrite)?;
         let (of_surfels, of_lvoxels) =
             Prepared::<K>::with(scene, settings, job, |prepared, kept| {

@@ -83,7 +83,7 @@ fn planned<K: Spectrum>(scene: &Scene, settings: &Settings, job: &Job) -> Result
             Ok((all_but_points, memory, pilot))
         })?;
         let lvoxels = Pilot::of_lvoxels(prepared, &mut sizes)?;
-        let in_work = memory::of_surfels(settings).max(lvoxels.in_work);
+        let in_work = memory::of_surfels(scene, settings).max(lvoxels.in_work);
         Ok(Plan {
             surfels: surfels.points,
             lvoxels: lvoxels.points,

@@ -108,7 +108,7 @@ pub fn run(
     check_tree(source)?;
     view::check_frame(scene, source.meta().cloud.world_from_scene)?;
     check_memory(scene, source, settings, job)?;
-    (job.report).watched_stage("bounce", tree.fitter(job), |counts| {
+    job.watched_stage("bounce", tree.fitter(job), |counts| {
         let meta = meta(source, settings);
         let mut writer = TreeWriter::create(output, meta, overwrite)?;
         writer.relight(source.summary());
@@ -293,9 +293,7 @@ fn least_memory<K: Share>(
         true => SharedGrid::MOST_BLOCKS * (of_lvoxel + ScatteringVolume::<K>::BYTES_KEPT),
         false => 0,
     };
-    Budget::default()
-        .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes())
+    (scene.budget(scene.bytes_of_grids(), job))
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with(
             "receivers and their links",

@@ -93,7 +93,7 @@ pub fn run(
     overwrite: Overwrite,
     job: &Job,
 ) -> Result<Outcome> {
-    job.report.stage("build", |counts| {
+    job.stage("build", |counts| {
         let outcome = build(cloud_path, tree_path, settings, overwrite, job)?;
         let sums = &outcome.summary.sums;
         for (name, count) in [
@@ -127,7 +127,7 @@ pub fn run_parts(
     }
     let folder = job.temporary_folder()?;
     let joined = folder.path().join("joined.lvc");
-    job.report.stage("join", |counts| {
+    job.stage("join", |counts| {
         let summary = join(clouds, &joined, Overwrite::Replace, job)?;
         counts.insert("parts".into(), clouds.len() as f64);
         counts.insert("surfels".into(), summary.sums.surfels as f64);

@@ -2,7 +2,7 @@
 
 use super::bake_options::BakeOptions;
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Resume, Seed};
+use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::plan::{Plan, Planning};
 use super::scene_input::SceneInput;
 use crate::Result;
@@ -37,6 +37,9 @@ pub struct Args {
 
     #[command(flatten)]
     pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 
     #[command(flatten)]
     seed: Seed,

@@ -1,7 +1,7 @@
 //! `lvox bounce`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Resume, Seed};
+use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::parse;
 use super::plan::{Plan, Planning};
 use super::times;
@@ -40,6 +40,9 @@ pub struct Args {
 
     #[command(flatten)]
     pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 
     #[command(flatten)]
     seed: Seed,

@@ -1,7 +1,7 @@
 //! `lvox gather`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed};
+use super::options::{Context, Memory, Seed, Temporary};
 use super::out_of_date::warn_if_out_of_date;
 use super::parse;
 use super::plan::{Plan, Planning};
@@ -88,6 +88,9 @@ pub struct Args {
     pub memory: Memory,
 
     #[command(flatten)]
+    pub temporary: Temporary,
+
+    #[command(flatten)]
     seed: Seed,
 }
 
@@ -143,7 +146,7 @@ impl Args {
             }
             (_, true) => {}
         }
-        let scene = job.report.stage("load", |_| {
+        let scene = job.stage("load", |_| {
             Scene::load_with(&self.tree, &load::Settings::default(), job)
         })?;
         let scene = scene.in_frame(tree.world_from_scene())?;

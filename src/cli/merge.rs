@@ -73,7 +73,7 @@ impl Args {
             true => Missing::Black,
             false => Missing::Refuse,
         };
-        job.report.stage("merge", |counts| {
+        job.stage("merge", |counts| {
             let merged = merge(&self.tiles, output, rest, self.exposure, job)?;
             counts.insert("tiles".into(), merged.tiles as f64);
             counts.insert(

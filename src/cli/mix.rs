@@ -120,7 +120,7 @@ pub fn add_up<'a>(
 ) -> Result<()> {
     let job = &context.job;
     check_memory(images.clone().map(|(_, path)| path), job.memory_limit)?;
-    job.report.stage("mix", |counts| {
+    job.stage("mix", |counts| {
         let parts = images.map(|(group, path)| {
             job.cancel.check()?;
             let frame = exr::read(path)?;

@@ -145,25 +145,27 @@ impl Verb {
     fn limits(&self) -> Limits {
         let none = Limits::default();
         match self {
-            Self::Bake(args) => none.memory(args.memory),
+            Self::Bake(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Render(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Build(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Study(args) => none.memory(args.memory).temporary(&args.temporary),
-            Self::Bounce(args) => none.memory(args.memory),
-            Self::Scatter(args) => none.memory(args.memory),
+            Self::Bounce(args) => none.memory(args.memory).temporary(&args.temporary),
+            Self::Scatter(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Tiles(args) => none
                 .memory(args.memory)
+                .temporary(&args.temporary)
                 .radiance_cache(args.radiance_cache.as_ref()),
             Self::Shade(args) => none
                 .memory(args.memory)
+                .temporary(&args.temporary)
                 .radiance_cache(args.radiance_cache.as_ref())
                 .gather_cache(args.gather_cache.as_ref()),
-            Self::Gather(args) => none.memory(args.memory),
+            Self::Gather(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Import(args) => none.memory(args.memory),
             Self::Merge(args) => none.memory(args.memory),
             Self::Mix(args) => none.memory(args.memory),
             Self::Compare(args) => none.memory(args.memory),
-            Self::Reference(args) => none.memory(args.memory),
+            Self::Reference(args) => none.memory(args.memory).temporary(&args.temporary),
             Self::Farm(_)
             | Self::Pack(_)
             | Self::Inspect(_)

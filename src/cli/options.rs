@@ -77,14 +77,15 @@ pub struct Shared {
 #[command(next_help_heading = "Shared options")]
 pub struct Memory {
     /// Hold at most this much in memory, with the scene and the program itself; files that are
-    /// mapped may come on top by a tenth. What needs more is refused before it begins. In bytes, or
-    /// with K, M, G, T (powers of 1024), as 64M or 4G [default: no limit]
+    /// mapped may come on top by a tenth. Voxels that take more than a quarter of it lie in temporary
+    /// files. What needs more is refused before it begins. In bytes, or with K, M, G, T (powers of
+    /// 1024), as 64M or 4G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse::size)]
     #[arg(env = "LVOX_MEMORY_LIMIT", hide_env_values = true)]
     memory_limit: Option<u64>,
 }
 
-/// For verbs that need temporary files.
+/// For verbs that may need temporary files.
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Shared options")]
 pub struct Temporary {

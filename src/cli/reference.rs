@@ -1,7 +1,7 @@
 //! `lvox reference`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed};
+use super::options::{Context, Memory, Seed, Temporary};
 use super::plan::{Plan, Planning};
 use super::region_options::RegionOptions;
 use super::scene_input::SceneInput;
@@ -64,6 +64,9 @@ pub struct Args {
 
     #[command(flatten)]
     pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 
     #[command(flatten)]
     seed: Seed,

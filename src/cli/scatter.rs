@@ -1,7 +1,7 @@
 //! `lvox scatter`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Resume, Seed};
+use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::plan::{Plan, Planning};
 use super::times;
 use super::tree_input::TreeInput;
@@ -45,6 +45,9 @@ pub struct Args {
 
     #[command(flatten)]
     pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 
     #[command(flatten)]
     seed: Seed,

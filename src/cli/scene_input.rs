@@ -258,7 +258,7 @@ impl SceneInput {
     /// As [`Self::load`].
     pub fn load_at(&self, frame: Option<i32>, context: &Context) -> Result<Scene> {
         let job = &context.job;
-        job.report.stage("load", |counts| {
+        job.stage("load", |counts| {
             let mut scene = match &self.scene {
                 Some(path) => Scene::load_with(path, &self.reading.settings(frame), job)?,
                 None if self.demo => Scene::demo_with(&self.reading.settings(frame))?,

@@ -1,7 +1,7 @@
 //! `lvox shade`
 
 use super::files::Files;
-use super::options::{Context, Memory, Resume, Seed};
+use super::options::{Context, Memory, Resume, Seed, Temporary};
 use super::out_of_date::warn_if_out_of_date;
 use super::plan::{Plan, Planning};
 use super::shade_options::ShadeOptions;
@@ -44,6 +44,9 @@ pub struct Args {
 
     #[command(flatten)]
     pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 
     #[command(flatten)]
     seed: Seed,

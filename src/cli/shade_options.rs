@@ -201,7 +201,7 @@ impl ShadeOptions {
             tev.close();
         }
         let frame = frame?;
-        job.report.stage("write", |_| {
+        job.stage("write", |_| {
             let of_film = Exposure::Fixed(scene.film.exposure);
             let exposure = Some(self.exposure.unwrap_or(of_film));
             write(&self.output, &frame, self.precision(), exposure, job)

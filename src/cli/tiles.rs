@@ -1,7 +1,7 @@
 //! `lvox tiles`
 
 use super::files::{Files, check_writable};
-use super::options::{Context, Memory, Seed};
+use super::options::{Context, Memory, Seed, Temporary};
 use super::output;
 use super::plan::{Plan, Planning};
 use super::shade_settings::ShadeSettings;
@@ -48,6 +48,9 @@ pub struct Args {
 
     #[command(flatten)]
     pub memory: Memory,
+
+    #[command(flatten)]
+    pub temporary: Temporary,
 
     #[command(flatten)]
     seed: Seed,

@@ -96,7 +96,7 @@ pub fn verify(path: &Path, job: &Job) -> Result<Verification> {
         let packed = Packed::open_path(path)?;
         let task = (job.progress).task("verify", packed.blocks().len() as u64, "blocks");
         packed.verify_with(|| next(&task, job))?;
-        check_scene(&Scene::open_packed(path, &job.cancel)?, job).map_err(|e| e.at(&file))?;
+        check_scene(&Scene::open_packed(path, job)?, job).map_err(|e| e.at(&file))?;
         let has = |column| !packed.range(column, 0).is_empty();
         if has(PackedColumn::Tree) {
             Tree::open_within(path)?.verify_with(|| job.cancel.check())?;

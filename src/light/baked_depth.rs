@@ -39,7 +39,7 @@ impl<'a> BakedDepth<'a> {
     /// Finds by exact rays what is to be kept, the cheapest that is near enough.
     ///
     /// # Errors
-    /// That of `go_on`.
+    /// That of `go_on`, or no room for rays.
     pub fn new(
         volume: &'a Volume,
         to_sun: Vec3,
@@ -57,7 +57,7 @@ impl<'a> BakedDepth<'a> {
         let mut between = 0.0;
         for level in levels.coarse_to_fine() {
             go_on()?;
-            let (rays, layer) = Self::rays(level, to_sun);
+            let (rays, layer) = Self::rays(level, to_sun)?;
             (depth.kept, between) = (Some(rays), layer);
             if depth.is_near(checks) {
                 return Ok(depth);
@@ -75,10 +75,10 @@ impl<'a> BakedDepth<'a> {
         Ok(depth)
     }
 
-    fn rays(level: &CoarseVolume, to_sun: Vec3) -> (KeptRays, f32) {
+    fn rays(level: &CoarseVolume, to_sun: Vec3) -> Result<(KeptRays, f32)> {
         let lattice = lattice(level, to_sun);
-        let rays = KeptRays::new(level, &level.layers(lattice.axes), lattice);
-        (rays, lattice.between)
+        let rays = KeptRays::new(level, &level.layers(lattice.axes), lattice)?;
+        Ok((rays, lattice.between))
     }
 
     fn is_near(&self, checks: &Checks) -> bool {

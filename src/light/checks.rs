@@ -123,7 +123,7 @@ impl Checks {
     /// none is.
     ///
     /// # Errors
-    /// That of `go_on`.
+    /// That of `go_on`, or no room for the rays.
     pub fn coarsest_rays(
         &self,
         max_error: f64,
@@ -143,18 +143,18 @@ impl Checks {
     /// that in the root mean square; `None` if all do.
     ///
     /// # Errors
-    /// That of `go_on`.
+    /// Those of `go_on` and `make`.
     pub fn coarsest<T>(
         &self,
         max_error: f64,
         levels: &Levels,
         go_on: &impl Fn() -> Result<()>,
-        make: impl Fn(&CoarseVolume) -> T,
+        make: impl Fn(&CoarseVolume) -> Result<T>,
         share: impl Fn(&T, Vec3) -> f32,
     ) -> Result<Option<T>> {
         for level in levels.coarse_to_fine() {
             go_on()?;
-            let made = make(level);
+            let made = make(level)?;
             if self.are_met(max_error, |point| share(&made, point)) {
                 return Ok(Some(made));
             }

@@ -1,6 +1,7 @@
 //! A volume on coarser cells, for rays that pass it from end to end.
 
 use crate::math::unflatten;
+use crate::run::List;
 use crate::scene::Volume;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -15,7 +16,7 @@ pub struct CoarseVolume<'a> {
     /// Cells along x, y and z.
     pub dims: [usize; 3],
     /// Mean extinction of each cell, x fastest; what is beyond the volume counts as empty.
-    sigma_t: Vec<f32>,
+    sigma_t: List<f32>,
 }
 
 /// The same in layers along one axis.
@@ -24,7 +25,7 @@ pub struct Layers {
     /// Cells across a layer along both axes.
     across: [usize; 2],
     /// Row after row, with an empty cell before and behind each.
-    cells: Vec<f32>,
+    cells: List<f32>,
     empty: Vec<f32>,
 }
 
@@ -92,7 +93,8 @@ impl<'a> CoarseVolume<'a> {
     fn finest(volume: &'a Volume, most: usize) -> Self {
         let grid = &volume.sigma_t;
         let (edge, dims) = Self::finest_dims(volume, most);
-        let mut sigma_t = grid.means([edge; 3]);
+        let mut sigma_t = grid.lists().zeros_surely(Self::count(dims));
+        grid.write_means([edge; 3], &mut sigma_t);
         sigma_t.par_iter_mut().enumerate().for_each(|(i, mean)| {
             let cell = unflatten(i, dims);
             let inside = (0..3).map(|a| edge.min(grid.dims()[a] - cell[a] * edge));
@@ -117,7 +119,7 @@ impl<'a> CoarseVolume<'a> {
         if !Self::are_at_most(dims, most) {
             return None;
         }
-        let mut sigma_t = vec![0.0; dims.iter().product()];
+        let mut sigma_t = volume.sigma_t.lists().zeros_surely(Self::count(dims));
         let rows = sigma_t.par_chunks_mut(dims[0]).enumerate();
         rows.for_each(|(row, cells)| {
             let [y, z] = [row % dims[1], row / dims[1]];
@@ -136,40 +138,42 @@ impl<'a> CoarseVolume<'a> {
 
     fn coarser(&self) -> Self {
         let dims = self.dims.map(|n| n.div_ceil(2));
+        let finer = &self.sigma_t[..];
         let mean = |i: usize| {
             let cell = unflatten(i, dims);
             let parts = (0..8).map(|part| [0, 1, 2].map(|a| 2 * cell[a] + (part >> a & 1)));
             let inside = parts.filter(|at| (0..3).all(|a| at[a] < self.dims[a]));
-            inside.map(|at| self.sigma_t(at)).sum::<f32>() * 0.125
+            inside.map(|at| finer[self.index(at)]).sum::<f32>() * 0.125
         };
+        let mut sigma_t = self.sigma_t.lists().zeros_surely(Self::count(dims));
+        let cells = sigma_t.par_iter_mut().enumerate();
+        cells.for_each(|(i, cell)| *cell = mean(i));
         Self {
             volume: self.volume,
             edge: 2.0 * self.edge,
             dims,
-            sigma_t: (0..dims.iter().product())
-                .into_par_iter()
-                .map(mean)
-                .collect(),
+            sigma_t,
         }
     }
 
-    fn sigma_t(&self, [x, y, z]: [usize; 3]) -> f32 {
-        self.sigma_t[(z * self.dims[1] + y) * self.dims[0] + x]
+    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        (z * self.dims[1] + y) * self.dims[0] + x
     }
 
     /// The cells in layers along the first of three axes, in rows along the second.
     #[must_use]
     pub fn layers(&self, axes: [usize; 3]) -> Layers {
         let [count, width, height] = axes.map(|a| self.dims[a]);
-        let mut cells = vec![0.0; count * height * (width + 2)];
-        let rows = cells.par_chunks_mut(width + 2).enumerate();
-        rows.for_each(|(i, row)| {
+        let cells = count * height * (width + 2);
+        let mut cells = self.sigma_t.lists().zeros_surely(cells);
+        let sigma_t = &self.sigma_t[..];
+        cells.write_pieces(width + 2, |i, row| {
             let mut at = [0; 3];
             at[axes[0]] = i / height;
             at[axes[2]] = i % height;
             for (u, cell) in row[1..=width].iter_mut().enumerate() {
                 at[axes[1]] = u;
-                *cell = self.sigma_t(at);
+                *cell = sigma_t[self.index(at)];
             }
         });
         Layers {
@@ -252,7 +256,7 @@ mod tests {
                 let at = [0, 1, 2].map(|a| 0.5 * (cell[a] as f32 + (p[a] as f32 + 0.5) / 4.0));
                 volume.sigma_t.sample(Vec3::from(at)) / 64.0
             });
-            assert!((mean.sum::<f32>() - halves.sigma_t(cell)).abs() < 1e-5);
+            assert!((mean.sum::<f32>() - halves.sigma_t[halves.index(cell)]).abs() < 1e-5);
         }
     }
 }

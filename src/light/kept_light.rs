@@ -12,6 +12,7 @@ use super::shadows::{ShadowMedia, Shadows};
 use super::sun_depths::SunDepths;
 use crate::Result;
 use crate::math::{Ray, Rgb, Spectrum, sampling, unflatten};
+use crate::run::List;
 use crate::scene::grid::BRICK_CELLS;
 use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
@@ -37,7 +38,7 @@ impl<'a> KeptLight<'a> {
     /// Keeps what it can of the light in a scene's media. `go_on` is asked at each level.
     ///
     /// # Errors
-    /// That of `go_on`.
+    /// That of `go_on`, or no room for rays.
     pub fn new(tracer: &Tracer<'a>, go_on: impl Fn() -> Result<()>) -> Result<Self> {
         let scene = tracer.scene;
         let has_sky = Self::may_keep_sky(scene);
@@ -201,7 +202,7 @@ struct Sky {
     dims: [usize; 3],
     /// At the corners of cells, x fastest: of all channels, or of red, green and blue one after the
     /// other in a medium of colour.
-    shares: Vec<Vec<f32>>,
+    shares: Vec<List<f32>>,
     /// Which of them is of the channel that is stopped most.
     most: usize,
 }
@@ -226,7 +227,7 @@ impl Sky {
     }
 
     /// The sky in some directions through a volume, and where surfaces leave it open.
-    fn new(coarse: &CoarseVolume, directions: &[Vec3], open: Option<&OpenSky>) -> Self {
+    fn new(coarse: &CoarseVolume, directions: &[Vec3], open: Option<&OpenSky>) -> Result<Self> {
         let dims = coarse.dims;
         let corners = dims.map(|n| n + 1);
         let lattices: Vec<_> = directions.iter().map(|d| lattice(coarse, *d)).collect();
@@ -235,9 +236,13 @@ impl Sky {
             true => &color[..1],
             false => &color[..],
         };
-        let none = || vec![0.0; corners.iter().product()];
-        let mut shares: Vec<Vec<f32>> = colors.iter().map(|_| none()).collect();
-        let mut kept: Option<KeptRays> = None;
+        let none = || {
+            let lists = coarse.volume.sigma_t.lists();
+            lists.zeros("light of the sky in media", corners.iter().product())
+        };
+        let of_colors = || colors.iter().map(|_| none()).collect::<Result<Vec<_>>>();
+        let mut shares: Vec<List<f32>> = of_colors()?;
+        let mut depths = KeptRays::depths_for(coarse, &lattices)?;
         for main in 0..3 {
             let axes = [main, (main + 1) % 3, (main + 2) % 3];
             let of_axis = lattices.iter().enumerate().filter(|(_, l)| l.axes == axes);
@@ -246,12 +251,9 @@ impl Sky {
                 continue;
             }
             let layers = coarse.layers(axes);
-            let mut sums: Vec<Vec<f32>> = colors.iter().map(|_| none()).collect();
+            let mut sums: Vec<List<f32>> = of_colors()?;
             for (direction, lattice) in of_axis {
-                let rays = match kept.take() {
-                    None => KeptRays::new(coarse, &layers, *lattice),
-                    Some(last) => KeptRays::again(last, coarse, &layers, *lattice),
-                };
+                let rays = KeptRays::in_place(depths, coarse, &layers, *lattice);
                 let across = [dims[axes[1]], dims[axes[2]]];
                 for (&color, sums) in colors.iter().zip(&mut sums) {
                     match open {
@@ -265,7 +267,7 @@ impl Sky {
                         }),
                     }
                 }
-                kept = Some(rays);
+                depths = rays.into_depths();
             }
             let [_, width, height] = axes.map(|a| corners[a]);
             for (shares, sums) in shares.iter_mut().zip(&sums) {
@@ -280,13 +282,13 @@ impl Sky {
         for shares in &mut shares {
             shares.par_iter_mut().for_each(|s| *s *= per_direction);
         }
-        Self {
+        Ok(Self {
             index_from_scene: coarse.volume.index_from_scene,
             per_voxel: 1.0 / coarse.edge,
             dims,
             shares,
             most: colors.iter().position(|c| *c == 1.0).unwrap_or(0),
-        }
+        })
     }
 
     /// What gets of the light of a sky to a point of the scene in the volume.
@@ -492,9 +494,9 @@ mod tests {
             }
             [squares.sqrt(), bias / sum]
         };
-        let [rms, bias] = differs(&sky(Some(&open)));
+        let [rms, bias] = differs(&sky(Some(&open)).unwrap());
         assert!(rms < 0.02 && bias.abs() < 0.02, "{rms} {bias}");
-        let [rms, bias] = differs(&sky(None));
+        let [rms, bias] = differs(&sky(None).unwrap());
         assert!(rms > 0.05 && bias > 0.2, "{rms} {bias}");
     }
 

@@ -3,8 +3,10 @@
 //! Veach 2000).
 
 use super::coarse::{CoarseVolume, Layers};
+use crate::Result;
 use crate::math::exp::{exp_neg, exp_neg_in_place};
 use crate::math::ray_lattice::RayLattice;
+use crate::run::List;
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
@@ -21,7 +23,7 @@ pub struct KeptRays {
     /// Layers of cells along the rays' first axis; there is a plane before and behind each.
     layers: usize,
     /// Depth between the light and each plane, by row of rays, then by plane, then by ray.
-    depths: Vec<f32>,
+    depths: List<f32>,
 }
 
 /// The lattice of rays to a light in a unit direction of scene space.
@@ -36,31 +38,49 @@ impl KeptRays {
     pub const CELL_BYTES: usize = 10;
 
     /// Marches rays to a light through the layers of a volume along the lattice's axes.
-    #[must_use]
-    pub fn new(coarse: &CoarseVolume, layers: &Layers, rays: RayLattice) -> Self {
-        Self::in_room_of(Vec::new(), coarse, layers, rays)
+    ///
+    /// # Errors
+    /// No room for them.
+    pub fn new(coarse: &CoarseVolume, layers: &Layers, rays: RayLattice) -> Result<Self> {
+        let depths = Self::depths_for(coarse, &[rays])?;
+        Ok(Self::in_place(depths, coarse, layers, rays))
     }
 
-    /// The same in the memory of rays that are no longer needed.
-    #[must_use]
-    pub fn again(self, coarse: &CoarseVolume, layers: &Layers, rays: RayLattice) -> Self {
-        Self::in_room_of(self.depths, coarse, layers, rays)
+    /// A place for the depths of the rays to any of some lights.
+    ///
+    /// # Errors
+    /// No room for it.
+    pub fn depths_for(coarse: &CoarseVolume, rays: &[RayLattice]) -> Result<List<f32>> {
+        let count = |rays: &RayLattice| {
+            let [(_, width), (_, rows)] = rays.extent([[0; 3], coarse.dims]);
+            rows * (coarse.dims[rays.axes[0]] + 1) * width
+        };
+        let most = rays.iter().map(count).fold(0, usize::max);
+        let lists = coarse.volume.sigma_t.lists();
+        lists.zeros("light that is kept in media", most)
     }
 
-    fn in_room_of(
-        mut depths: Vec<f32>,
+    /// The place of the depths, when the rays are no longer needed.
+    pub fn into_depths(self) -> List<f32> {
+        self.depths
+    }
+
+    /// Marches rays as [`Self::new`] does, in a place that is large enough for their depths.
+    #[must_use]
+    pub fn in_place(
+        mut depths: List<f32>,
         coarse: &CoarseVolume,
         layers: &Layers,
         rays: RayLattice,
     ) -> Self {
         let count = coarse.dims[rays.axes[0]];
         let extent = rays.extent([[0; 3], coarse.dims]);
-        let [(_, width), (first_row, rows)] = extent;
-        depths.resize(rows * (count + 1) * width, 0.0);
-        let all = depths.par_chunks_mut((count + 1) * width).enumerate();
-        all.for_each(|(j, row)| {
-            let first = [extent[0].0 as f32, (first_row + j as i32) as f32];
-            march(layers, &rays, count, first, row);
+        let [(_, width), (first_row, rows_of_rays)] = extent;
+        depths.write_pieces((count + 1) * width, |j, row| {
+            if j < rows_of_rays {
+                let first = [extent[0].0 as f32, (first_row + j as i32) as f32];
+                march(layers, &rays, count, first, row);
+            }
         });
         Self {
             index_from_scene: coarse.volume.index_from_scene,
@@ -82,8 +102,9 @@ impl KeptRays {
         let f = along - plane as f32;
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
+        let depths = &self.depths[..];
         let ray = |cx: f32, cy: f32| {
-            let [near, far] = [plane, plane + 1].map(|plane| self.at([cx, cy], plane));
+            let [near, far] = [plane, plane + 1].map(|plane| self.at(depths, [cx, cy], plane));
             near * (1.0 - f) + far * f
         };
         mean_depth([
@@ -101,20 +122,21 @@ impl KeptRays {
         let (along, [x, y]) = self.rays.place(p.to_array());
         let plane = (along.clamp(0.0, self.layers as f32) as usize).min(self.layers - 1);
         let (x0, y0) = (x.floor(), y.floor());
+        let depths = &self.depths[..];
         (0..8).all(|i| {
             let [dx, dy] = [i & 1, i >> 1 & 1].map(|n| n as f32);
-            self.at([x0 + dx, y0 + dy], plane + (i >> 2)) > depth
+            self.at(depths, [x0 + dx, y0 + dy], plane + (i >> 2)) > depth
         })
     }
 
-    /// Depth of a ray at a plane; 0 if the ray passes beside the volume.
-    fn at(&self, ray: [f32; 2], plane: usize) -> f32 {
+    /// Depth of a ray at a plane, of all depths; 0 if the ray passes beside the volume.
+    fn at(&self, depths: &[f32], ray: [f32; 2], plane: usize) -> f32 {
         let [(first_x, width), (first_y, rows)] = self.extent;
         let (i, j) = (ray[0] - first_x as f32, ray[1] - first_y as f32);
         if !(i >= 0.0 && j >= 0.0 && i < width as f32 && j < rows as f32) {
             return 0.0;
         }
-        self.depths[(j as usize * (self.layers + 1) + plane) * width + i as usize]
+        depths[(j as usize * (self.layers + 1) + plane) * width + i as usize]
     }
 
     /// Adds what comes through, of a channel whose extinction is `color` times that of the volume,
@@ -131,6 +153,7 @@ impl KeptRays {
         let [width, height] = across.map(|n| n + 1);
         let [(first_x, all), (first_y, _)] = self.extent;
         let planes = sums.par_chunks_mut(width * height).enumerate();
+        let all_depths = &self.depths[..];
         planes.for_each_init(Vec::new, |rays, (plane, sums)| {
             // The place of the first corner among the rays; the others follow one by one.
             let mut corner = [0.0; 3];
@@ -145,7 +168,7 @@ impl KeptRays {
             rays.clear();
             for j in j..=j + height {
                 let first = (j * (self.layers + 1) + plane) * all + i;
-                let depths = &self.depths[first..=first + width];
+                let depths = &all_depths[first..=first + width];
                 rays.extend(depths.iter().map(|depth| depth * color));
             }
             exp_neg_in_place(rays);

@@ -101,7 +101,7 @@ pub fn run(
             .hint("pack the tree that it was made from, too"));
         }
     }
-    job.report.stage("pack", |counts| {
+    job.stage("pack", |counts| {
         let hierarchy = TriangleBvh::of_scene(scene, &job.cancel)?;
         let tables = packed::level_tables(scene)?;
         let mut meta = packed::description(scene, &tables);

@@ -95,7 +95,7 @@ pub fn import(
         .with("points", 2 * CHUNK_BYTES);
     budget.within("importing", job.memory_limit, "raise `memory_limit`")?;
     job.hold(&budget);
-    job.report.stage("import", |counts| {
+    job.stage("import", |counts| {
         let (mut least, mut most) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         plan.each(job, |samples| {
             for sample in samples {

@@ -85,13 +85,14 @@ pub fn check_memory(scene: Option<&Scene>, least_of_tree: u64, job: &Job) -> Res
 }
 
 fn budget(scene: Option<&Scene>, job: &Job) -> Budget {
-    let budget = Budget::default()
-        .with("the program and its threads", job.process_bytes)
-        .with("points", CHUNK_BYTES + RAY_BYTES);
+    let budget = match scene {
+        None => Budget::default().with("the program and its threads", job.process_bytes),
+        Some(scene) => scene.budget(scene.bytes_of_grids(), job),
+    };
+    let budget = budget.with("points", CHUNK_BYTES + RAY_BYTES);
     match scene {
         None => budget,
         Some(scene) => budget
-            .with("the scene", scene.bytes())
             .with("what rays need of it", Tracer::bytes_for(scene))
             .with(
                 "light of surfaces",
@@ -122,41 +123,40 @@ pub fn run(
     let part = settings.part.of(points.count);
     let least = tree.needs_within_limit().least_bytes;
     job.hold(&budget(scene, job).with("the tree", least));
-    job.report
-        .watched_stage("gather", tree.fitter(job), |counts| {
-            let gathers = Gathers {
-                points,
-                receivers: &receivers,
-                part: part.clone(),
-                settings,
-                over: results.over,
-                job,
-            };
-            gathers.check_points()?;
-            let tracer = scene
-                .map(|s| Tracer::new_until(s, &job.cancel))
-                .transpose()?;
-            let is_first = settings.part.index() == 0;
-            let mut writer = Writer::create(&results, output, is_first, overwrite)?;
-            let task = gathers.into_task(tree, tracer.as_ref(), &mut writer);
-            let not_finite = gather::with_tree(tree, task)?;
-            if let Some(scene) = scene {
-                scene.check_file()?;
-            }
-            if not_finite > 0 {
-                job.progress.warn(&format!(
-                    "{}: {not_finite} points got light that is infinite or not a number",
-                    output.display()
-                ));
-            }
-            job.heed_warnings()?;
-            writer.finish()?;
-            let count = part.end - part.start;
-            counts.insert("points".into(), count as f64);
-            counts.insert("rays".into(), count as f64 * f64::from(settings.samples));
-            Ok(Summary {
-                points: count,
-                columns: results.names.clone(),
-            })
+    job.watched_stage("gather", tree.fitter(job), |counts| {
+        let gathers = Gathers {
+            points,
+            receivers: &receivers,
+            part: part.clone(),
+            settings,
+            over: results.over,
+            job,
+        };
+        gathers.check_points()?;
+        let tracer = scene
+            .map(|s| Tracer::new_until(s, &job.cancel))
+            .transpose()?;
+        let is_first = settings.part.index() == 0;
+        let mut writer = Writer::create(&results, output, is_first, overwrite)?;
+        let task = gathers.into_task(tree, tracer.as_ref(), &mut writer);
+        let not_finite = gather::with_tree(tree, task)?;
+        if let Some(scene) = scene {
+            scene.check_file()?;
+        }
+        if not_finite > 0 {
+            job.progress.warn(&format!(
+                "{}: {not_finite} points got light that is infinite or not a number",
+                output.display()
+            ));
+        }
+        job.heed_warnings()?;
+        writer.finish()?;
+        let count = part.end - part.start;
+        counts.insert("points".into(), count as f64);
+        counts.insert("rays".into(), count as f64 * f64::from(settings.samples));
+        Ok(Summary {
+            points: count,
+            columns: results.names.clone(),
         })
+    })
 }

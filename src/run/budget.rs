@@ -1,6 +1,6 @@
 //! What a stage holds of its memory limit whatever its caches do.
 
-use super::size;
+use super::{Lists, Resident, size};
 use crate::Result;
 use std::fmt::{Display, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,6 +18,22 @@ impl Budget {
             self.0.push((what, bytes));
         }
         self
+    }
+
+    /// And what of large lists and of mapped files is in memory within a limit: of lists as much as
+    /// [`Lists`] keeps there, and of files, which hold the rest, what the limit leaves for them.
+    #[must_use]
+    pub fn with_lists(
+        self,
+        what: &'static str,
+        bytes: u64,
+        mapped_bytes: u64,
+        limit: Option<u64>,
+    ) -> Self {
+        let in_memory = Lists::in_memory(bytes, limit);
+        let in_files = mapped_bytes.saturating_add(bytes - in_memory);
+        let given = limit.map_or(0, |limit| in_files.min(limit / Resident::MAPPED_SHARE));
+        self.with(what, in_memory).with("files in memory", given)
     }
 
     /// All of it together.

@@ -3,7 +3,8 @@
 //!
 //! Every stage gets a [`Job`]. Of the files, `progress`, `cancel` and `report` are its parts;
 //! `budget` is what a stage holds of its limit; `memory`, `size`, `usage` and `watch` know what the
-//! machine has and what is taken of it; `output` writes files that appear whole; `part` divides
+//! machine has and what is taken of it; `mapped` are files in memory; `lists` are large, and each
+//! `list` of them is in memory or in a file; `output` writes files that appear whole; `part` divides
 //! work among processes; `walked` counts what rays pass; `frames` are ranges of frames, and names
 //! with their numbers; `words` are shared by threads and processes; `digest` and `hex` name the
 //! program and what it read.
@@ -14,6 +15,9 @@ mod cancel;
 pub(crate) mod digest;
 pub(crate) mod frames;
 mod hex;
+mod list;
+mod lists;
+mod mapped;
 pub(crate) mod memory;
 pub(crate) mod output;
 mod part;
@@ -31,6 +35,9 @@ pub use budget::Held;
 pub use cancel::Cancel;
 pub use frames::Frames;
 pub(crate) use hex::hex;
+pub(crate) use list::List;
+pub(crate) use lists::Lists;
+pub use mapped::Mapped;
 pub(crate) use output::Output;
 pub use part::Part;
 pub use progress::{Observer, Progress, Task, TaskObserver};
@@ -40,6 +47,7 @@ pub use watch::{Peak, Resident};
 
 use crate::formats::TemporaryFolder;
 use crate::{Error, Result};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// The means of a run that every stage gets beside its data.
@@ -59,6 +67,8 @@ pub struct Job {
     pub process_bytes: u64,
     /// What the stage at work holds whatever its caches do, which it tells itself.
     pub held: Held,
+    /// Files that are in memory, whose memory is given back where the limit asks for it.
+    pub mapped: Mapped,
     /// Whether work goes on after a warning.
     pub on_warning: OnWarning,
     /// Folder for temporary files; the system's if `None`.
@@ -90,6 +100,36 @@ impl Job {
     /// Notes what a stage holds from now on, in place of the one before.
     pub(crate) fn hold(&self, budget: &Budget) {
         self.held.set(budget);
+    }
+
+    /// Runs a stage, and notes its wall and CPU time; `run` gets the stage's counts to fill. Memory
+    /// of mapped files is given back where the process comes near its limit.
+    pub(crate) fn stage<T>(
+        &self,
+        name: &str,
+        run: impl FnOnce(&mut BTreeMap<String, f64>) -> T,
+    ) -> T {
+        self.watched_stage(name, |_| (), run)
+    }
+
+    /// The same; `seen` hears again and again what memory the process has meanwhile, where the
+    /// system tells.
+    pub(crate) fn watched_stage<T>(
+        &self,
+        name: &str,
+        seen: impl Fn(Resident) + Sync,
+        run: impl FnOnce(&mut BTreeMap<String, f64>) -> T,
+    ) -> T {
+        // A limit that is not for this process alone says nothing of what that has.
+        let limit = self.memory_limit.filter(|_| self.process_bytes > 0);
+        let keep = limit.map(|limit| {
+            move |now: Resident| {
+                if now.is_near(limit) {
+                    self.mapped.give_back();
+                }
+            }
+        });
+        self.report.watched_stage(name, seen, keep, run)
     }
 
     /// Makes a folder for temporary files, and removes those that killed processes left beside it.

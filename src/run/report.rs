@@ -57,20 +57,21 @@ struct Summary<'a> {
 impl Report {
     /// Runs a stage and notes its wall and CPU time; `run` gets the stage's counts to fill.
     pub fn stage<T>(&self, name: &str, run: impl FnOnce(&mut BTreeMap<String, f64>) -> T) -> T {
-        self.watched_stage(name, |_| (), run)
+        self.watched_stage(name, |_| (), None::<fn(Resident)>, run)
     }
 
     /// Runs a stage as [`Report::stage`] does; `seen` hears again and again what memory the process
-    /// has meanwhile, where the system tells.
-    pub(crate) fn watched_stage<T>(
+    /// has meanwhile, where the system tells, and `often`, if it is there, more often.
+    pub(super) fn watched_stage<T>(
         &self,
         name: &str,
         seen: impl Fn(Resident) + Sync,
+        often: Option<impl Fn(Resident) + Sync>,
         run: impl FnOnce(&mut BTreeMap<String, f64>) -> T,
     ) -> T {
         let (started, cpu_before) = (Instant::now(), usage::cpu_secs());
         let mut counts = BTreeMap::new();
-        let (result, peak) = watched(seen, || run(&mut counts));
+        let (result, peak) = watched(seen, often, || run(&mut counts));
         let stage = StageReport {
             stage: name.into(),
             wall_secs: started.elapsed().as_secs_f64(),

@@ -11,7 +11,7 @@ mod settings;
 use crate::gather::{self, Gatherer, Medium, PatchRadiance, RayKernel, TreeTask};
 use crate::inscatter::{self, InScatter, MediaLights, VolumeLight};
 use crate::light::{Lights, SceneMedia, SoftShadowMedia};
-use crate::run::{Budget, Job};
+use crate::run::Job;
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::tree::{OpenTree, SurfelStore};
@@ -28,15 +28,11 @@ pub use settings::Settings;
 /// # Errors
 /// [`crate::Kind::Input`] with both sizes.
 pub fn check_memory(scene: &Scene, job: &Job) -> Result<u64> {
-    let budget = Budget::default()
-        .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes_beside_extinctions())
-        .with("media", view::bytes_of_media(&scene.volumes, None))
+    let media = view::bytes_of_media(&scene.volumes, None)
+        + scene.bytes_of_other_grids()
+        + inscatter::bytes_for(scene, |v| View::is_of_small_voxels(v, None));
+    let budget = (scene.budget(media, job))
         .with("what rays need of it", Tracer::bytes_for(scene))
-        .with(
-            "light in media",
-            inscatter::bytes_for(scene, |v| View::is_of_small_voxels(v, None)),
-        )
         .with(
             "light of surfaces",
             PatchRadiance::bytes_for(scene.mesh.triangles.len(), 0),
@@ -75,25 +71,24 @@ pub fn run(
         return Ok(ScatterWriter::create(output, meta, overwrite)?.finish()?);
     }
     check_memory(scene, job)?;
-    job.report
-        .watched_stage("scatter", tree.fitter(job), |counts| {
-            let meta = meta(scene, tree, settings);
-            let mut writer = ScatterWriter::create(output, meta, overwrite)?;
-            let lighting = Lighting {
-                scene,
-                tree,
-                settings,
-                job,
-            };
-            let lit = gather::with_tree(tree, lighting)?;
-            for (volume, light) in lit.iter().enumerate() {
-                pack::pack(light, volume, &mut writer)?;
-            }
-            let vertices = writer.vertices();
-            let summary = writer.finish()?;
-            counts.insert("vertices".into(), vertices as f64);
-            Ok(summary)
-        })
+    job.watched_stage("scatter", tree.fitter(job), |counts| {
+        let meta = meta(scene, tree, settings);
+        let mut writer = ScatterWriter::create(output, meta, overwrite)?;
+        let lighting = Lighting {
+            scene,
+            tree,
+            settings,
+            job,
+        };
+        let lit = gather::with_tree(tree, lighting)?;
+        for (volume, light) in lit.iter().enumerate() {
+            pack::pack(light, volume, &mut writer)?;
+        }
+        let vertices = writer.vertices();
+        let summary = writer.finish()?;
+        counts.insert("vertices".into(), vertices as f64);
+        Ok(summary)
+    })
 }
 
 /// What scattered light says of its origin.

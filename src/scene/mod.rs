@@ -57,6 +57,7 @@ pub use texture::{Texture, Wrap};
 pub use volume::Volume;
 
 use crate::math::{Aabb, Boxes, Rgb};
+use crate::run::{Budget, Job};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3, Vec3};
 use std::path::{Path, PathBuf};
@@ -305,13 +306,11 @@ impl Scene {
     /// textures and grids.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let extinctions = self.volumes.iter().map(|v| v.sigma_t.bytes());
-        self.bytes_beside_extinctions() + extinctions.sum::<usize>() as u64
+        self.bytes_beside_grids() + self.bytes_of_grids()
     }
 
-    /// The same without the grids of extinction of media.
-    #[must_use]
-    pub(crate) fn bytes_beside_extinctions(&self) -> u64 {
+    /// The same without grids.
+    fn bytes_beside_grids(&self) -> u64 {
         let mut textures: Vec<&Texture> = Vec::new();
         for texture in &self.textures {
             if !textures.iter().any(|t| t.shares_texels(texture)) {
@@ -319,15 +318,43 @@ impl Scene {
             }
         }
         let textures: u64 = textures.iter().map(|t| t.bytes()).sum();
-        let albedos = self.volumes.iter().filter_map(|v| v.albedo_grid.as_ref());
-        let emissive = self.emissive.iter().map(|e| e.values.sigma_t.bytes());
-        let grids: usize = albedos.map(AlbedoGrid::bytes).chain(emissive).sum();
         let mesh = match self.as_packed() {
             Some(_) => 0,
             None => self.mesh.bytes(),
         };
         let sky = self.environment_image.as_ref().map_or(0, |i| i.bytes());
-        mesh + textures + grids as u64 + sky
+        mesh + textures + sky
+    }
+
+    /// Bytes of the grids of volumes.
+    pub(crate) fn bytes_of_grids(&self) -> u64 {
+        let extinctions = self.volumes.iter().map(|v| v.sigma_t.bytes());
+        extinctions.sum::<usize>() as u64 + self.bytes_of_other_grids()
+    }
+
+    /// The same but for those of extinction of media.
+    pub(crate) fn bytes_of_other_grids(&self) -> u64 {
+        let albedos = self.volumes.iter().filter_map(|v| v.albedo_grid.as_ref());
+        let emissive = self.emissive.iter().map(|e| e.values.sigma_t.bytes());
+        albedos
+            .map(AlbedoGrid::bytes)
+            .chain(emissive)
+            .sum::<usize>() as u64
+    }
+
+    /// What a stage holds that has loaded the scene, whose grids and light in them take so many
+    /// bytes.
+    pub(crate) fn budget(&self, media_bytes: u64, job: &Job) -> Budget {
+        let mapped = self.as_packed().map_or(0, |packed| packed.mapped_bytes());
+        Budget::default()
+            .with("the program and its threads", job.process_bytes)
+            .with("the scene", self.bytes_beside_grids())
+            .with_lists(
+                "media and their light",
+                media_bytes,
+                mapped,
+                job.memory_limit,
+            )
     }
 
     /// Whether the albedo of any medium varies.

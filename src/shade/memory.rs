@@ -53,15 +53,11 @@ fn budget(
     let picture = camera.map(|camera| (camera, scene.film));
     let shows_no_voxels = |v: &Volume| View::is_of_small_voxels(v, picture);
     let seen_by = picture.filter(|_| !has_scattered_light);
-    Budget::default()
-        .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes_beside_extinctions())
-        .with("media", view::bytes_of_media(&scene.volumes, seen_by))
+    let media = view::bytes_of_media(&scene.volumes, seen_by)
+        + scene.bytes_of_other_grids()
+        + inscatter::bytes_for(scene, shows_no_voxels);
+    (scene.budget(media, job))
         .with("what rays need of it", Tracer::bytes_for(scene))
-        .with(
-            "light in media",
-            inscatter::bytes_for(scene, shows_no_voxels),
-        )
         .with("light of surfaces", patches)
         .with(
             "pixels and gathers",

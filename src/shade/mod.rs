@@ -95,7 +95,7 @@ pub fn run_before(
     check(scene, tree, settings)?;
     region.check(scene.film.width, scene.film.height)?;
     let fit = tree.fitter(job);
-    job.report.watched_stage("shade", fit, |counts| {
+    job.watched_stage("shade", fit, |counts| {
         let quantities = pixels::quantities(aovs);
         let before = Walked::so_far();
         let request = Request {
@@ -156,7 +156,7 @@ pub fn run_before(
 pub fn costs(scene: &Scene, tree: &OpenTree, settings: &Settings, job: &Job) -> Result<CostMap> {
     check(scene, tree, settings)?;
     let fit = tree.fitter(job);
-    job.report.watched_stage("pilot", fit, |counts| {
+    job.watched_stage("pilot", fit, |counts| {
         let before = Walked::so_far();
         let request = Request {
             scene,

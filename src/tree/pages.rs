@@ -289,7 +289,9 @@ impl SurfelStore {
         };
         let [least, most] = t.bounds;
         // Files that are mapped are the system's to take back, and may pass the limit by a tenth.
-        let over = now.anonymous.max(now.all().saturating_sub(limit / 10));
+        let over = now
+            .anonymous
+            .max(now.kept(limit).saturating_sub(limit / 10));
         let others = over.saturating_sub(t.cache.weight()).max(held_for_now);
         // Between two looks the rest may grow.
         let room = (limit - limit / ROOM_SHARE).saturating_sub(others);

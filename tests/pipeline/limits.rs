@@ -1,6 +1,6 @@
 //! Limits on memory that hold, and what little of it costs.
 
-use crate::support::program::lvox;
+use crate::support::program::{Run, command, lvox};
 use crate::{ROOM, Work};
 use lvox::build;
 use lvox::formats::Overwrite;
@@ -164,4 +164,192 @@ fn what_is_done_within_a_limit_is_within_it() {
         }
         assert!(done > 0, "{line}");
     }
+}
+
+/// Fog of many voxels, none of them empty.
+const VAST: &str = r#"
+[film]
+width = 64
+height = 48
+
+[[camera]]
+position = [0, 1, 3]
+target = [0, 0, 0]
+fov_x_deg = 5
+
+[[light]]
+type = "directional"
+direction = [0.2, -1, 0.1]
+irradiance = [3, 3, 3]
+
+[[light]]
+type = "environment"
+radiance = [1, 1, 1]
+
+[[volume]]
+file = "vast.raw"
+dims = [240, 240, 240]
+dtype = "u8"
+value_scale = 0.004
+sigma_t_scale = 2
+albedo = 0.9
+unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]
+"#;
+
+/// A control group of this limit and a tenth, where the machine lets us make one.
+#[cfg(target_os = "linux")]
+struct Group(std::path::PathBuf);
+
+#[cfg(target_os = "linux")]
+impl Group {
+    fn of(limit: u64) -> Option<Self> {
+        let name = format!("lvox-test-{}", std::process::id());
+        ["memory/memory.limit_in_bytes", "memory.max"]
+            .into_iter()
+            .find_map(|file| {
+                let (root, file) = file.rsplit_once('/').unwrap_or(("", file));
+                let group = Path::new("/sys/fs/cgroup").join(root).join(&name);
+                fs::create_dir(&group).ok()?;
+                let group = Self(group);
+                let all = (limit + limit / 10).to_string();
+                fs::write(group.0.join(file), all).ok().map(|()| group)
+            })
+    }
+
+    /// The same command in it.
+    fn command(&self, command: &std::process::Command) -> std::process::Command {
+        let mut inside = std::process::Command::new("sh");
+        let folder = command.get_current_dir().unwrap();
+        inside
+            .current_dir(folder)
+            .args(["-c", "echo $$ >\"$0\" && exec \"$@\""]);
+        inside.arg(self.0.join("cgroup.procs"));
+        inside.arg(command.get_program()).args(command.get_args());
+        inside
+    }
+}
+
+#[cfg(target_os = "linux")]
+impl Drop for Group {
+    fn drop(&mut self) {
+        // A group without processes goes soon after the last has ended.
+        for _ in 0..100 {
+            if fs::remove_dir(&self.0).is_ok() {
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+    }
+}
+
+/// Runs a command that takes more than a limit, and within it: the same output.
+#[cfg(target_os = "linux")]
+fn is_within(work: &Work, line: &str, output: &str, limit: u64) {
+    let run = |more: &str, group: Option<&Group>| {
+        let line = format!("{line} -o {output} --force --progress none --report report.json{more}");
+        let words: Vec<&str> = line.split(' ').collect();
+        let mut plain = command(work.0.path(), &words);
+        match group {
+            Some(group) => Run::of(&mut group.command(&plain)).done(),
+            None => Run::of(&mut plain).done(),
+        }
+        let peak = peak(&work.path("report.json"));
+        (fs::read(work.path(output)).unwrap(), peak)
+    };
+    let (bytes, [_, all]) = run("", None);
+    assert!(all > limit + limit / 10, "{line}: {all}");
+    let group = Group::of(limit);
+    if group.is_none() {
+        eprintln!("skips the control group: the machine lets us make none");
+    }
+    let limited = format!(" --temp-dir . --memory-limit {limit}");
+    let (within, [anonymous, _]) = run(&limited, group.as_ref());
+    assert!(anonymous <= limit, "{line} within {limit}: {anonymous}");
+    assert!(within == bytes, "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn voxels_beyond_a_limit_are_in_files() {
+    let work = Work::new(VAST);
+    let voxel = |i: u32| (i.wrapping_mul(2_654_435_761) >> 25) as u8 + 1;
+    let voxels: Vec<u8> = (0..240 * 240 * 240).map(voxel).collect();
+    fs::write(work.path("vast.raw"), voxels).unwrap();
+    let files = || fs::read_dir(work.0.path()).unwrap().count();
+    is_within(&work, "bake scene.toml", "scene.lvc", 80 << 20);
+    let before = files();
+    lvox(work.0.path(), &["build", "scene.lvc", "-o", "scene.lvt"]).done();
+    lvox(work.0.path(), &["pack", "scene.toml", "-o", "scene.lvp"]).done();
+    is_within(
+        &work,
+        "shade scene.lvp -t scene.lvt --max-dist 1e9",
+        "a.exr",
+        80 << 20,
+    );
+    assert_eq!(files(), before + 3);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn triangles_of_packed_scenes_are_given_back() {
+    const EDGE: u32 = 720;
+    let work = Work::new(
+        r#"
+[[camera]]
+position = [0.5, 0.6, 1.6]
+target = [0.5, 0, 0.5]
+fov_x_deg = 50
+
+[[light]]
+type = "environment"
+radiance = [1, 1, 1]
+
+[[mesh]]
+file = "hills.ply"
+"#,
+    );
+    let mut ply = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty \
+         float y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\n\
+         end_header\n",
+        EDGE * EDGE,
+        2 * (EDGE - 1) * (EDGE - 1)
+    )
+    .into_bytes();
+    let at = |i: u32| i as f32 / (EDGE - 1) as f32;
+    for i in 0..EDGE * EDGE {
+        let [x, z] = [i % EDGE, i / EDGE].map(at);
+        let height = 0.05 * ((40.0 * x).sin() * (40.0 * z).cos());
+        [x, height, z]
+            .iter()
+            .for_each(|c| ply.extend(c.to_le_bytes()));
+    }
+    for i in 0..(EDGE - 1) * (EDGE - 1) {
+        let first = i / (EDGE - 1) * EDGE + i % (EDGE - 1);
+        for corners in [[0, EDGE, 1], [1, EDGE, EDGE + 1]] {
+            ply.push(3);
+            corners
+                .iter()
+                .for_each(|c| ply.extend((first + c).to_le_bytes()));
+        }
+    }
+    fs::write(work.path("hills.ply"), ply).unwrap();
+    for line in [
+        "pack scene.toml -o scene.lvp",
+        "bake scene.lvp -o scene.lvc",
+        "build scene.lvc -o scene.lvt",
+    ] {
+        let words: Vec<&str> = line.split(' ').collect();
+        lvox(
+            work.0.path(),
+            &[&words[..], &["--progress", "none"]].concat(),
+        )
+        .done();
+    }
+    is_within(
+        &work,
+        "shade scene.lvp -t scene.lvt --resolution 320x240",
+        "a.exr",
+        72 << 20,
+    );
 }

@@ -151,9 +151,7 @@ pub fn check_memory(scene: &Scene, settings: &Settings, region: Region, job: &Jo
 }
 
 fn budget(scene: &Scene, settings: &Settings, region: Region, job: &Job) -> Budget {
-    Budget::default()
-        .with("the program and its threads", job.process_bytes)
-        .with("the scene", scene.bytes())
+    (scene.budget(scene.bytes_of_grids(), job))
         .with("what rays need of it", Tracer::bytes_for(scene))
         .with("sums of samples", Sums::bytes(&region, settings.strands))
 }
@@ -250,7 +248,7 @@ pub fn run_before(
         }
         Ok(())
     };
-    job.report.stage("reference", |counts| {
+    job.stage("reference", |counts| {
         let before = sums.samples();
         let started = Instant::now();
         let seen = |sums: &Sums| {

@@ -161,7 +161,7 @@ pub fn run(scene: &Scene, effort: Effort, job: &Job) -> Result<Vec<Family>> {
         .map(|&(name, note, cases)| {
             let bench = Workbench::new(job)?;
             bench.cancel().check()?;
-            let rows = job.report.stage(name, |_| cases(&bench, scene, effort))?;
+            let rows = job.stage(name, |_| cases(&bench, scene, effort))?;
             task.add(1);
             Ok(Family { name, note, rows })
         })

@@ -67,7 +67,7 @@ pub fn choose(
     job: &Job,
 ) -> Result<Choice> {
     check(target)?;
-    (job.report).watched_stage("pilot", store.fitter(job), |counts| {
+    job.watched_stage("pilot", store.fitter(job), |counts| {
         let mut pilot = Pilot::new(scene, store, &adapt(rung(0.0)), job)?;
         let found = search::search(target, FINEST, |t| {
             pilot.error(store, &adapt(rung(t)), target, job)

@@ -148,7 +148,7 @@ impl VolumeGrid {
         }
         let error = |place, level, _| errors.of(place, level);
         let levels = self.levels_of_bricks(self.coarser_levels(), allowed, error)?;
-        Grid::unpack_on(&levels, known, stored.entries, stored.read).map(Some)
+        Grid::unpack_on(&levels, (known, stored.lists), stored.entries, stored.read).map(Some)
     }
 
     /// Bytes that it takes as [`VolumeGrid::adapted`] makes it, about; `None` if it is not stored
@@ -470,12 +470,13 @@ mod tests {
         fn read(&self, level: usize) -> Result<Grid> {
             let (grid, table, _) = &self.levels[level];
             let read = |page, take: &mut dyn FnMut(_, &_)| self.page(level, page, take);
-            Grid::unpack(grid.known(), table.entries(), read)
+            Grid::unpack(grid.known(), grid.lists(), table.entries(), read)
         }
 
         fn bricks(&self, level: usize) -> Option<StoredBricks<'_>> {
-            let (_, table, errors) = &self.levels[level];
+            let (grid, table, errors) = &self.levels[level];
             Some(StoredBricks {
+                lists: grid.lists(),
                 entries: table.entries(),
                 errors,
                 read: Box::new(move |page, take| self.page(level, page, take)),

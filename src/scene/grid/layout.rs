@@ -5,6 +5,7 @@ use super::brick::{CoarseBricks, largest};
 use super::{ABSENT, BRICK_CELLS, BRICK_EDGE, BRICK_SAMPLES, Grid, brick_dims};
 use crate::Result;
 use crate::math::unflatten;
+use crate::run::List;
 use rayon::prelude::*;
 
 /// Bricks along an edge of a region. A region needs the samples of one more layer of voxels than it
@@ -109,15 +110,21 @@ impl Layout {
         (self.stored.len() * brick + slots) as u64
     }
 
-    /// The grid, and what `read` returns of each region with bricks to store, in order. `read`
+    /// Samples that the grid will have, at most.
+    pub(in crate::scene) fn samples(&self) -> usize {
+        self.stored.len() * BRICK_SAMPLES
+    }
+
+    /// The grid, and what `read` returns of each region with bricks to store, in order. `samples`
+    /// are as many zeros as it will have at most, for its own. `read`
     /// writes the samples of a region, x fastest; all of them are to be finite and at least 0. Its
     /// error ends the filling: the first, in the order of regions.
     pub(in crate::scene) fn fill<T: Send, E: Send>(
         self,
+        mut samples: List<f32>,
         read: impl Fn(&Region, &mut [f32]) -> Result<T, E> + Sync,
     ) -> Result<(Grid, Vec<T>), E> {
         let regions_dims = self.bricks.map(|n| n.div_ceil(REGION_BRICKS));
-        let mut samples = vec![0.0; self.stored.len() * BRICK_SAMPLES];
         let mut maxima = vec![None; self.stored.len()];
         let mut regions: Vec<Vec<_>> = Vec::new();
         regions.resize_with(regions_dims.iter().product(), Vec::new);
@@ -151,7 +158,7 @@ impl Layout {
     }
 
     /// The grid of bricks that have a maximum, those that are empty after all left out.
-    fn packed(self, mut samples: Vec<f32>, maxima: &[Option<f32>]) -> Grid {
+    fn packed(self, mut samples: List<f32>, maxima: &[Option<f32>]) -> Grid {
         let mut slots = vec![ABSENT; self.bricks.iter().product()];
         let mut kept = 0;
         for (from, (&b, max)) in self.stored.iter().zip(maxima).enumerate() {
@@ -165,7 +172,6 @@ impl Layout {
             }
         }
         samples.truncate(kept * BRICK_SAMPLES);
-        samples.shrink_to_fit();
         Grid {
             dims: self.dims,
             size: self.dims.map(|n| n as f32),
@@ -229,8 +235,9 @@ mod tests {
     fn every_voxel_is_of_one_region_alone() {
         for dims in [[1, 1, 1], [7, 8, 9], [62, 63, 64], [65, 127, 200]] {
             let layout = Layout::of(dims, |_| Ok::<_, ()>(true)).unwrap();
+            let samples = vec![0.0; layout.samples()].into();
             let (_, regions) = layout
-                .fill(|region, samples| {
+                .fill(samples, |region, samples| {
                     samples.fill(1.0);
                     Ok::<_, ()>(*region)
                 })

@@ -34,11 +34,13 @@ pub use pyramid::Pyramid;
 pub use volume_grid::{Known, StoredBricks, StoredLevels, VolumeGrid};
 
 use crate::math::unflatten;
+use crate::run::{List, Lists};
 use crate::{Error, Result};
 use brick::CoarseBricks;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::convert::Infallible;
+use std::ops::Range;
 
 /// Cells along an edge of a brick.
 pub const BRICK_CELLS: usize = 8;
@@ -54,7 +56,7 @@ pub struct Grid {
     size: [f32; 3],
     bricks: [usize; 3],
     slots: Vec<u32>,
-    samples: Vec<f32>,
+    samples: List<f32>,
     maxima: Vec<f32>,
     coarse: CoarseBricks,
 }
@@ -67,7 +69,8 @@ impl Grid {
         let may_hold =
             |voxels: &VoxelBox| Ok::<_, Infallible>(voxels.voxels().any(|v| value(v) != 0.0));
         let Ok(layout) = Layout::of(dims, may_hold);
-        let Ok((grid, _)) = layout.fill(|region, samples| {
+        let samples = vec![0.0; layout.samples()].into();
+        let Ok((grid, _)) = layout.fill(samples, |region, samples| {
             let voxels = region.voxels.voxels();
             samples
                 .iter_mut()
@@ -112,26 +115,28 @@ impl Grid {
             size: dims.map(|n| n as f32),
             bricks,
             slots: vec![ABSENT; bricks.iter().product()],
-            samples: Vec::new(),
+            samples: Vec::new().into(),
             maxima: Vec::new(),
             coarse: CoarseBricks::NONE,
         };
+        let mut samples = Vec::new();
         for (voxel, sample) in voxels {
             if (0..3).any(|a| voxel[a] >= dims[a]) {
                 return Err(Error::input(format!(
                     "the voxel {voxel:?} is not one of {dims:?}"
                 )));
             }
-            grid.set(voxel, sample);
+            grid.set(&mut samples, voxel, sample);
         }
         let maximum = |brick: &[f32]| brick.iter().copied().fold(0.0, f32::max);
-        grid.maxima = grid.samples.chunks(BRICK_SAMPLES).map(maximum).collect();
+        grid.maxima = samples.chunks(BRICK_SAMPLES).map(maximum).collect();
+        grid.samples = samples.into();
         grid.checked()
     }
 
-    /// Sets the sample of a voxel in all bricks that have it at a corner of their cells, and stores
-    /// those that are not stored.
-    fn set(&mut self, voxel: [usize; 3], sample: f32) {
+    /// Sets the sample of a voxel among those of all bricks that have it at a corner of their cells,
+    /// and stores those that are not stored.
+    fn set(&mut self, samples: &mut Vec<f32>, voxel: [usize; 3], sample: f32) {
         let along: [Vec<(usize, usize)>; 3] = std::array::from_fn(|a| {
             // Corner c of cell space is sample c - 1, clamped to the grid.
             let first = if voxel[a] == 0 { 0 } else { voxel[a] + 1 };
@@ -153,11 +158,11 @@ impl Grid {
                 for &(bx, x) in &along[0] {
                     let slot = &mut self.slots[(bz * self.bricks[1] + by) * self.bricks[0] + bx];
                     if *slot == ABSENT {
-                        *slot = (self.samples.len() / BRICK_SAMPLES) as u32;
-                        self.samples.resize(self.samples.len() + BRICK_SAMPLES, 0.0);
+                        *slot = (samples.len() / BRICK_SAMPLES) as u32;
+                        samples.resize(samples.len() + BRICK_SAMPLES, 0.0);
                     }
                     let at = (z * BRICK_EDGE + y) * BRICK_EDGE + x;
-                    self.samples[*slot as usize * BRICK_SAMPLES + at] = sample;
+                    samples[*slot as usize * BRICK_SAMPLES + at] = sample;
                 }
             }
         }
@@ -169,7 +174,9 @@ impl Grid {
         &self,
         read: impl Fn(&Region, &mut [f32]) -> Result<T, E> + Sync,
     ) -> Result<(Self, Vec<T>), E> {
-        let (mut grid, told) = Layout::of_stored(self).fill(read)?;
+        let layout = Layout::of_stored(self);
+        let samples = self.lists().zeros_surely(layout.samples());
+        let (mut grid, told) = layout.fill(samples, read)?;
         grid.size = self.size;
         Ok((grid, told))
     }
@@ -193,12 +200,18 @@ impl Grid {
     /// have fewer.
     #[must_use]
     pub fn means(&self, block: [usize; 3]) -> Vec<f32> {
-        let [nx, ny, nz] = self.blocks(block);
+        let mut means = vec![0.0; self.blocks(block).iter().product()];
+        self.write_means(block, &mut means);
+        means
+    }
+
+    /// Writes the same where there is room for all of them.
+    pub fn write_means(&self, block: [usize; 3], means: &mut [f32]) {
+        let [nx, ny, _] = self.blocks(block);
         let size = |axis: usize, at: usize| {
             let first = at * block[axis];
             (first + block[axis]).min(self.dims[axis]) - first
         };
-        let mut means = vec![0.0; nx * ny * nz];
         let layers = means.par_chunks_mut(nx * ny).enumerate();
         layers.for_each(|(k, layer)| {
             // Memory that is read before it is written to is mapped twice.
@@ -219,8 +232,27 @@ impl Grid {
             for (i, mean) in layer.iter_mut().enumerate() {
                 *mean /= (size(0, i % nx) * size(1, i / nx) * size(2, k)) as f32;
             }
+            self.give_back_layers(
+                (first + 1) / BRICK_CELLS..(first + size(2, k)) / BRICK_CELLS + 1,
+            );
         });
-        means
+    }
+
+    /// Gives the memory of layers of bricks back to the system, if they lie in a file.
+    fn give_back_layers(&self, layers: Range<usize>) {
+        if !self.samples.is_in_file() {
+            return;
+        }
+        let layer = self.bricks[0] * self.bricks[1];
+        let slots = self.slots.get(layers.start * layer..layers.end * layer);
+        let stored = slots.into_iter().flatten().filter(|slot| **slot != ABSENT);
+        let [first, last] = stored.fold([u32::MAX, 0], |[first, last], slot| {
+            [first.min(*slot), last.max(*slot)]
+        });
+        if first <= last {
+            let [(_, first), (_, last)] = [first, last].map(|slot| self.coarse.place(slot));
+            self.samples.give_back(first.start..last.end);
+        }
     }
 
     /// Blocks of so many voxels along each axis, the last of which may have fewer.
@@ -311,7 +343,13 @@ impl Grid {
         }
     }
 
-    /// Bytes of memory that bricks and their table take.
+    /// Where its samples are, and those that are made of them go.
+    #[must_use]
+    pub fn lists(&self) -> &Lists {
+        self.samples.lists()
+    }
+
+    /// Bytes that bricks and their table take, in memory or in a temporary file.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.slots.len() * 4 + self.samples.len() * 4 + self.maxima.len() * 4

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::formats::{BRICK_VOXELS, BrickEntry, BrickSamples, PAGE_BRICKS};
 use crate::math::unflatten;
-use crate::run::memory;
+use crate::run::{Lists, memory};
 use crate::{Error, Result};
 use rayon::prelude::*;
 
@@ -92,23 +92,24 @@ impl Grid {
     /// Those of `read`, the first in the order of pages; a size that memory does not have.
     pub(in crate::scene) fn unpack(
         known: Known,
+        lists: &Lists,
         entries: &[BrickEntry],
         read: impl Fn(usize, &mut dyn FnMut(usize, &BrickSamples)) -> Result<()> + Sync,
     ) -> Result<Self> {
-        Self::unpack_on(&BrickLevels::default(), known, entries, read)
+        Self::unpack_on(&BrickLevels::default(), (known, lists), entries, read)
     }
 
     /// The same with bricks on levels of their own. Pages without a brick on voxels are not read.
     pub(super) fn unpack_on(
         levels: &BrickLevels,
-        known: Known,
+        (known, lists): (Known, &Lists),
         entries: &[BrickEntry],
         read: impl Fn(usize, &mut dyn FnMut(usize, &BrickSamples)) -> Result<()> + Sync,
     ) -> Result<Self> {
         let bricks = brick_dims(known.dims);
         let place = |entry: &BrickEntry| flatten(entry.place.map(|c| c as usize), bricks);
         let marked = marked(levels, known, entries)?;
-        let (mut grid, on_voxels) = Self::on_levels(levels, known, marked)?;
+        let (mut grid, on_voxels) = Self::on_levels(levels, (known, lists), marked)?;
         let (samples, _) = grid.samples.split_at_mut(on_voxels.len() * BRICK_SAMPLES);
         let each = samples.chunks_exact_mut(BRICK_SAMPLES).map(Some);
         let mut each: Vec<_> = each.collect();
@@ -158,7 +159,7 @@ impl Grid {
                 *slot = 0;
             }
         });
-        let (mut grid, on_voxels) = Self::on_levels(levels, known, marked)?;
+        let (mut grid, on_voxels) = Self::on_levels(levels, (known, self.lists()), marked)?;
         let bricks = grid.samples.par_chunks_exact_mut(BRICK_SAMPLES);
         let bricks = bricks.zip(&mut grid.maxima).zip(&on_voxels);
         bricks.for_each(|((samples, max), b)| {
@@ -199,7 +200,7 @@ impl Grid {
     /// samples there.
     fn on_levels(
         levels: &BrickLevels,
-        known: Known,
+        (known, lists): (Known, &Lists),
         marked: Vec<u32>,
     ) -> Result<(Self, Vec<usize>)> {
         let bricks = brick_dims(known.dims);
@@ -230,8 +231,7 @@ impl Grid {
         let sizes: [usize; MAX_BRICK_LEVEL + 1] =
             std::array::from_fn(|level| counts[level] * samples_at(level));
         let (all, all_bricks) = (sizes.iter().sum::<usize>(), counts.iter().sum::<usize>());
-        memory::check(WHAT, ((all + all_bricks) * size_of::<f32>()) as u64)?;
-        let mut samples = zeros(WHAT, all)?;
+        let mut samples = lists.zeros(WHAT, all)?;
         let mut maxima = vec![0.0; all_bricks];
         let (_, mut samples_left) = samples.split_at_mut(sizes[0]);
         let (_, mut maxima_left) = maxima.split_at_mut(counts[0]);
@@ -355,13 +355,6 @@ const SHARED_CORNERS: [[u8; 3]; SHARED] = {
     corners
 };
 
-/// So many zeros, which take no memory before they are touched.
-fn zeros(what: &str, count: usize) -> Result<Vec<f32>> {
-    // Asked for first, as there is no fallible way to get zeros that are not written.
-    drop(memory::room::<f32>(what, count)?);
-    Ok(vec![0.0; count])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -386,7 +379,7 @@ mod tests {
             bricks.for_each(|(i, e)| take(i, &grid.own_samples(e.place)));
             Ok(())
         };
-        Grid::unpack(known(grid), table.entries(), read).unwrap()
+        Grid::unpack(known(grid), &Lists::default(), table.entries(), read).unwrap()
     }
 
     #[test]
@@ -435,10 +428,15 @@ mod tests {
         let grid = Grid::from_fn([20; 3], |_| 1.0);
         let entries = grid.entries();
         let unpack = |entries: &[BrickEntry], works: bool| {
-            Grid::unpack(known(&grid), entries, |_, _| match works {
-                true => Ok(()),
-                false => Err(Error::input("a page")),
-            })
+            Grid::unpack(
+                known(&grid),
+                &Lists::default(),
+                entries,
+                |_, _| match works {
+                    true => Ok(()),
+                    false => Err(Error::input("a page")),
+                },
+            )
         };
         assert_eq!(unpack(&entries, false).unwrap_err().to_string(), "a page");
         let twice = [&entries[..], &entries[..1]].concat();

@@ -58,7 +58,8 @@ impl Grid {
             Ok::<_, Infallible>(any)
         };
         let Ok(layout) = Layout::of(dims, may_hold);
-        let Ok((mut grid, _)) = layout.fill(|region, means| {
+        let samples = self.lists().zeros_surely(layout.samples());
+        let Ok((mut grid, _)) = layout.fill(samples, |region, means| {
             self.write_halved(&region.voxels, means);
             Ok::<_, Infallible>(())
         });

@@ -4,6 +4,7 @@ use super::adapted::Errors;
 use super::brick::CoarseBricks;
 use super::{ABSENT, BRICK_SAMPLES, Grid, brick_dims};
 use crate::formats::{BrickEntry, BrickSamples};
+use crate::run::Lists;
 use crate::{Error, Result};
 use std::fmt::Debug;
 use std::ops::Deref;
@@ -30,6 +31,8 @@ type ReadPage<'a> =
 
 /// The bricks of a stored level.
 pub struct StoredBricks<'a> {
+    /// Where samples that are read go.
+    pub lists: &'a Lists,
     /// What the file says of each.
     pub entries: &'a [BrickEntry],
     /// Their errors on coarser levels.
@@ -299,7 +302,7 @@ impl Grid {
             size: known.size,
             bricks,
             slots: vec![ABSENT; bricks.iter().product()],
-            samples: Vec::new(),
+            samples: Vec::new().into(),
             maxima: Vec::new(),
             coarse: CoarseBricks::NONE,
         }

@@ -11,7 +11,7 @@ use super::scale::Scale;
 use super::survey::Survey;
 use super::values::GridValues;
 use crate::math::unflatten;
-use crate::run::{Cancel, memory, size};
+use crate::run::{Cancel, size};
 use crate::scene::grid::{Grid, Layout, Region, VoxelBox};
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
@@ -185,8 +185,10 @@ impl Field {
             ))
             .hint("crop or coarsen the grid, or prune tiles that need not be active"));
         }
-        memory::check("the grid of a volume", layout.bytes())?;
-        let (grid, surveys) = layout.fill(|region, samples| {
+        let samples = files
+            .lists
+            .zeros("the grid of a volume", layout.samples())?;
+        let (grid, surveys) = layout.fill(samples, |region, samples| {
             cancel.check()?;
             self.read(&region.voxels, samples)?;
             Ok::<_, Error>(self.to_extinction(region, samples, scale))

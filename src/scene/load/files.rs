@@ -4,7 +4,7 @@ use super::Settings;
 use super::images::Images;
 use super::values::GridValues;
 use crate::formats::MappedFile;
-use crate::run::{Cancel, frames, memory, one_line};
+use crate::run::{Cancel, Lists, frames, memory, one_line};
 use crate::scene::Scene;
 use crate::{Error, Result};
 use std::borrow::Cow;
@@ -28,6 +28,8 @@ pub(super) struct Files {
     pub(super) notes: Vec<String>,
     /// Loops over what a file holds look at it.
     pub(super) cancel: Cancel,
+    /// Where grids of volumes go.
+    pub(super) lists: Lists,
     /// Values of the volumes read so far, if anyone wants to know them.
     pub(super) values: Option<Vec<GridValues>>,
     /// What they may be and take.
@@ -172,6 +174,8 @@ impl Files {
         let Ok(map) = MappedFile::open(path) else {
             return self.read(what, path).map(Content::Owned);
         };
+        // All of it is read at once, and once more later.
+        self.lists.watch(&map);
         self.add(map.as_ref())?;
         map.release(0..map.as_ref().len());
         self.paths.push(path.to_owned());

@@ -72,7 +72,7 @@ pub use suggest::SuggestedWindow;
 pub use values::{GridValues, Histogram};
 
 use super::{Scene, SceneBuilder, packed};
-use crate::run::{Cancel, Job};
+use crate::run::{Cancel, Job, Lists};
 use crate::{Error, Result};
 use field::Field;
 use files::Files;
@@ -120,7 +120,8 @@ impl Scene {
     /// Of kind [`crate::Kind::Input`] for anything wrong with the files; the message names the file
     /// and the line or element.
     pub fn load(path: &Path) -> Result<Self> {
-        Self::load_until(path, &Settings::default(), &Cancel::default())
+        let cancel = Cancel::default();
+        Self::load_into(&Lists::default(), path, &Settings::default(), &cancel)
     }
 
     /// Reads and checks a scene as [`Scene::load`] does, but by these settings, stops when the job
@@ -129,7 +130,7 @@ impl Scene {
     /// # Errors
     /// As [`Scene::load`], and if cancelled.
     pub fn load_with(path: &Path, settings: &Settings, job: &Job) -> Result<Self> {
-        let scene = Self::load_until(path, settings, &job.cancel)?;
+        let scene = Self::load_into(&Lists::of(job), path, settings, &job.cancel)?;
         scene.warnings.iter().for_each(|w| job.progress.warn(w));
         scene.notes.iter().for_each(|n| job.progress.say(n));
         Ok(scene)
@@ -139,17 +140,19 @@ impl Scene {
     ///
     /// # Errors
     /// As [`Scene::load`], and if cancelled.
-    pub(crate) fn open_packed(path: &Path, cancel: &Cancel) -> Result<Self> {
-        packed::read(path, None, Settings::default().texture_limit, cancel)
+    pub(crate) fn open_packed(path: &Path, job: &Job) -> Result<Self> {
+        let texture_limit = Settings::default().texture_limit;
+        packed::read(path, None, texture_limit, &Lists::of(job), &job.cancel)
     }
 
-    fn load_until(path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
+    fn load_into(lists: &Lists, path: &Path, settings: &Settings, cancel: &Cancel) -> Result<Self> {
         if is_packed(path) {
             refuse_changes(path, settings)?;
             refuse_group(path, settings)?;
-            return packed::read(path, settings.frame, settings.texture_limit, cancel);
+            return packed::read(path, settings.frame, settings.texture_limit, lists, cancel);
         }
         let mut files = Files::with(settings.clone(), cancel);
+        files.lists = lists.clone();
         let builder = read_scene(path, &mut files)?;
         finish(builder, files).map_err(|e| e.at(path.display()))
     }
@@ -390,7 +393,8 @@ mod tests {
         let stopped = Cancel::default();
         stopped.request();
         let demo = Path::new("src/scene/load/demo.toml");
-        let error = Scene::load_until(demo, &Settings::default(), &stopped).unwrap_err();
+        let error =
+            Scene::load_into(&Lists::default(), demo, &Settings::default(), &stopped).unwrap_err();
         assert_eq!(error.to_string(), "stopped on request");
     }
 }

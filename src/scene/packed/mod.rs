@@ -14,6 +14,7 @@ pub use write::{columns, description, level_tables, media};
 use super::Mesh;
 use crate::column::Column;
 use crate::formats::{MappedFile, Packed, PackedColumn};
+use crate::run::Lists;
 use crate::{Error, Result};
 use bytemuck::Pod;
 use std::path::{Path, PathBuf};
@@ -24,6 +25,8 @@ use std::sync::Arc;
 pub struct PackedScene {
     file: Arc<Packed<MappedFile>>,
     path: PathBuf,
+    /// Where the grids of its volumes go.
+    lists: Lists,
 }
 
 impl PackedScene {
@@ -37,6 +40,15 @@ impl PackedScene {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Bytes of the file that are used where they lie.
+    pub(in crate::scene) fn mapped_bytes(&self) -> u64 {
+        let columns = self.file.columns().iter().map(|(rows, _)| rows);
+        let used =
+            columns.filter(|rows| !matches!(rows.column, PackedColumn::Tree | PackedColumn::Light));
+        used.map(|rows| self.file.range(rows.column, rows.item).len() as u64)
+            .sum()
     }
 
     /// Gives the memory of vertices and triangles back to the system, which reads them again for

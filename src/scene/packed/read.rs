@@ -8,7 +8,7 @@ use crate::formats::{
     PackedEnvironment, PackedLight, PackedMaterial, PackedMeta, PackedTexture, PackedVolume,
     PackedWrap,
 };
-use crate::run::{Cancel, size};
+use crate::run::{Cancel, Lists, size};
 use crate::scene::grid::{Errors, Known, StoredBricks, StoredLevels, VolumeGrid};
 use crate::scene::texture::{CodeValues, Codes, Texels};
 use crate::scene::{
@@ -26,13 +26,22 @@ use std::sync::Arc;
 ///
 /// # Errors
 /// A file that is no whole packed scene, no memory for its volumes, or a stop on request.
-pub fn read(path: &Path, frame: Option<i32>, texture_limit: u64, cancel: &Cancel) -> Result<Scene> {
+pub fn read(
+    path: &Path,
+    frame: Option<i32>,
+    texture_limit: u64,
+    lists: &Lists,
+    cancel: &Cancel,
+) -> Result<Scene> {
     let file = Arc::new(Packed::open_path(path)?);
+    lists.watch(file.data());
     let packed = PackedScene {
         file,
         path: path.to_owned(),
+        lists: lists.clone(),
     };
     check(&packed, cancel)?;
+    lists.expect_random_access(packed.file().data());
     let scene = scene(&packed, path, frame, texture_limit, cancel);
     scene.map_err(|e| e.at(path.display()))
 }
@@ -428,7 +437,8 @@ impl StoredLevels for PackedLevels {
         let none = || Error::input(format!("level {level} is not stored"));
         let table = self.levels.get(level).ok_or_else(none)?;
         let known = self.known(level).ok_or_else(none)?;
-        Grid::unpack(known, table.table().entries(), |page, take| {
+        let entries = table.table().entries();
+        Grid::unpack(known, &self.packed.lists, entries, |page, take| {
             self.page(table, page, take)
         })
     }
@@ -439,6 +449,7 @@ impl StoredLevels for PackedLevels {
         let table = self.levels.get(level)?;
         let entries = table.table().entries();
         Some(StoredBricks {
+            lists: &self.packed.lists,
             entries,
             errors: self.errors.get(before..before + entries.len())?,
             read: Box::new(move |page, take| self.page(table, page, take)),

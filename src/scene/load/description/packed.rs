@@ -38,7 +38,7 @@ pub fn read(
         texture_limit,
         ..
     } = files.settings;
-    let opened = packed::read(&path, frame, texture_limit, &files.cancel);
+    let opened = packed::read(&path, frame, texture_limit, &files.lists, &files.cancel);
     let mut input = PackedInput {
         scene: opened.map_err(|e| item.locate(e))?,
         keeps_lights: root.get("light").is_none(),
