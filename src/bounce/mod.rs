@@ -284,6 +284,8 @@ fn least_memory<K: Share>(
         + Sites::BYTES
         + settings.samples as usize * met;
     let volumes = tree.meta().cloud.volumes.iter();
+    let has_surfaces = scene.mesh.triangle_count() > 0;
+    let of_rays = |volume| Sweeps::<K>::bytes_for(volume, has_surfaces);
     let has_lobes = scene.volumes.iter().any(|v| v.phase.moment(1) != 0.0);
     let varies = scene.has_albedo_grids();
     let of_lvoxel = ScatteringVolume::<K>::BYTES_A_BLOCK
@@ -305,7 +307,7 @@ fn least_memory<K: Share>(
         )
         .with(
             "rays through media",
-            SETS_AT_A_TIME * volumes.map(Sweeps::<K>::bytes_for).sum::<u64>(),
+            SETS_AT_A_TIME * volumes.map(of_rays).sum::<u64>(),
         )
 }
 

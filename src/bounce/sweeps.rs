@@ -80,16 +80,19 @@ impl<'a, K: Share> Sweeps<'a, K> {
     pub const BYTES_A_BLOCK: usize =
         Blocks::BYTES + 2 * size_of::<K>() + size_of::<Light>() * (DIRECTIONS / Self::IN_TURN + 1);
 
-    /// Bytes that the rays through a volume take, at most, without what they cross.
-    pub fn bytes_for(volume: &VolumeInfo) -> u64 {
-        /// A lattice is as wide as the box and its shear, across each of two axes.
-        const SHEARED: f64 = 4.0;
+    /// Bytes that the rays through a volume take, at most, without what they cross; walls are on
+    /// them in scenes that have surfaces.
+    pub fn bytes_for(volume: &VolumeInfo, has_surfaces: bool) -> u64 {
         /// Of a ray, one at each of its ends and one in between.
         const WALLS: usize = 3;
-        let longest = f64::from(volume.dims.into_iter().max().unwrap_or(1));
-        let along = (longest / lattice::APART).min(lattice::MOST_ALONG);
-        let rays = DIRECTIONS as u64 * (SHEARED * along * along).ceil() as u64;
-        rays * (size_of::<Ray>() + size_of::<u32>() + WALLS * size_of::<Wall>()) as u64
+        let [x, y, z] = volume.dims.map(f64::from);
+        // A lattice is as wide as the box and its shear, across each of two axes.
+        let along = |width: f64| (width / lattice::APART).min(lattice::MOST_ALONG).ceil() + 2.0;
+        let across = [[x + y, x + z], [y + x, y + z], [z + x, z + y]];
+        let rays = across.map(|[u, v]| along(u) * along(v));
+        let rays = DIRECTIONS as u64 * rays.into_iter().fold(0.0, f64::max) as u64;
+        let walls = if has_surfaces { WALLS } else { 0 };
+        rays * (size_of::<Ray>() + size_of::<u32>() + walls * size_of::<Wall>()) as u64
     }
 
     /// Bytes that laying down what rays cross takes for so many blocks, about.
