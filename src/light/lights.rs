@@ -11,7 +11,7 @@ use super::shading_point::{
     SurfaceReceiver, Travel,
 };
 use super::shadow_rays::ShadowRays;
-use super::shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
+use super::shadows::{MediaBeforeSuns, SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 use super::sky::Sky;
 use super::sun::Sun;
 use super::sun_depths::SunDepths;
@@ -77,6 +77,21 @@ impl<'a, K: Spectrum> Lights<'a, SceneMedia<'a, K>> {
         self
     }
 
+    /// Copies the lights, with other media than the scene's own before suns where these say so.
+    #[must_use]
+    pub fn with_media_before_suns<'s>(
+        &self,
+        suns: &'s dyn MediaBeforeSuns<K>,
+    ) -> Lights<'a, SceneMedia<'s, K>>
+    where
+        'a: 's,
+    {
+        self.behind(SceneMedia {
+            before_suns: Some(suns),
+            ..self.shadows
+        })
+    }
+
     /// Copies the lights, with the scene's own media before all of them.
     #[must_use]
     pub fn with_sharp_shadows(&self) -> Self {
@@ -104,9 +119,13 @@ impl<'a, K: Spectrum> Lights<'a, SceneMedia<'a, K>> {
     /// Copies the lights, in the same scene without its media.
     #[must_use]
     pub fn in_vacuum(&self) -> Lights<'a, Vacuum> {
+        self.behind(Vacuum)
+    }
+
+    fn behind<S>(&self, shadows: S) -> Lights<'a, S> {
         Lights {
             tracer: self.tracer,
-            shadows: Vacuum,
+            shadows,
             lights: self.lights,
             groups: self.groups.clone(),
             exactness: self.exactness,
@@ -426,7 +445,11 @@ impl<'a, S: Shadows> Lights<'a, S> {
                 Some(sun) => {
                     sun.trace(&mut total, index, at, self.tolerance.by_rays_alone(), media)
                 }
-                None => delta_lights::trace(&mut total, light, index, at, media),
+                None => {
+                    // Those before a disk would make its shadows too sharp.
+                    let media = media.or_else(|| self.shadows.before_sun(index));
+                    delta_lights::trace(&mut total, light, index, at, media);
+                }
             }
         });
         total.unshadowed += light_of_emitters;

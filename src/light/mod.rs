@@ -67,7 +67,7 @@ pub use in_medium::MediumLight;
 pub use kept_light::KeptLight;
 pub use lights::Lights;
 pub use shadow_rays::ShadowRays;
-pub use shadows::{SceneMedia, Shadows, SoftShadowMedia, Vacuum};
+pub use shadows::{MediaBeforeSuns, SceneMedia, Shadows, SoftShadowMedia, Vacuum};
 pub use sun_depths::SunDepths;
 pub use visibility::Visibility;
 pub use voxel_light::VoxelLight;

@@ -20,6 +20,12 @@ pub trait ShadowMedia<K>: Sync + std::fmt::Debug {
     }
 }
 
+/// Media that rays to suns pass instead of the scene's own.
+pub trait MediaBeforeSuns<K>: Sync + std::fmt::Debug {
+    /// Those before a light, by its number; `None` for the scene's own.
+    fn before_sun(&self, light: usize) -> Option<&dyn ShadowMedia<K>>;
+}
+
 /// What shadow rays pass beside surfaces, as a type: code for scenes without media does no work for
 /// any.
 pub trait Shadows: Copy + Sync + std::fmt::Debug {
@@ -37,6 +43,9 @@ pub trait Shadows: Copy + Sync + std::fmt::Debug {
 
     /// Media before emitters, if not the scene's own.
     fn before_emitters(&self) -> Option<&dyn ShadowMedia<Self::Share>>;
+
+    /// Media before a sun, by the light's number, if not the scene's own.
+    fn before_sun(&self, light: usize) -> Option<&dyn ShadowMedia<Self::Share>>;
 }
 
 /// A scene without media.
@@ -55,6 +64,11 @@ impl Shadows for Vacuum {
     fn before_emitters(&self) -> Option<&dyn ShadowMedia<f32>> {
         None
     }
+
+    #[inline]
+    fn before_sun(&self, _: usize) -> Option<&dyn ShadowMedia<f32>> {
+        None
+    }
 }
 
 /// The media of a scene, grey or of colour, voxel by voxel but where others stand in for them.
@@ -62,6 +76,8 @@ impl Shadows for Vacuum {
 pub struct SceneMedia<'a, K = f32> {
     /// Media that rays to emitters pass instead.
     pub(super) before_emitters: Option<&'a SoftShadowMedia>,
+    /// Media that rays to suns pass instead.
+    pub(super) before_suns: Option<&'a dyn MediaBeforeSuns<K>>,
     pub(super) share: PhantomData<K>,
 }
 
@@ -82,6 +98,10 @@ impl<K: Spectrum> Shadows for SceneMedia<'_, K> {
     fn before_emitters(&self) -> Option<&dyn ShadowMedia<K>> {
         self.before_emitters
             .map(|media| media as &dyn ShadowMedia<K>)
+    }
+
+    fn before_sun(&self, light: usize) -> Option<&dyn ShadowMedia<K>> {
+        self.before_suns?.before_sun(light)
     }
 }
 

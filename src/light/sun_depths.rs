@@ -4,7 +4,7 @@
 use super::baked_depth::BakedDepth;
 use super::checks::{Checks, Levels};
 use super::kept_rays::{KeptRays, mean_depth};
-use super::shadows::ShadowMedia;
+use super::shadows::{MediaBeforeSuns, ShadowMedia};
 use crate::Result;
 use crate::math::ray_lattice::RayLattice;
 use crate::math::{Aabb, Boxes, Ray, Spectrum};
@@ -192,6 +192,17 @@ impl<'a> SunDepths<'a> {
             self.depth(light, &|| Ok(())).ok().flatten()
         });
         Some(depth.as_ref()?)
+    }
+}
+
+impl<K: Spectrum> MediaBeforeSuns<K> for SunDepths<'_> {
+    /// Rays through coarse cells, where all media before a sun have these: shadows on surfaces are
+    /// then no sharper than pixels.
+    fn before_sun(&self, light: usize) -> Option<&dyn ShadowMedia<K>> {
+        let depth = self.suns.get(light)?.get()?.as_ref()?;
+        let mut volumes = depth.volumes.iter();
+        let are_kept = volumes.all(|volume| matches!(volume, Towards::Kept(_)));
+        are_kept.then_some(depth)
     }
 }
 
@@ -429,7 +440,7 @@ mod tests {
     use super::*;
     use crate::math::exp::exp_neg;
     use crate::math::sampling;
-    use crate::scene::Grid;
+    use crate::scene::{Grid, LightInput, SceneBuilder, VolumeInput};
     use glam::{DAffine3, DQuat, DVec3};
 
     #[test]
@@ -468,5 +479,50 @@ mod tests {
             rms < 0.7 * rms_kept && rms_kept < 0.01,
             "{rms} and {rms_kept}"
         );
+    }
+
+    #[test]
+    fn surfaces_are_behind_kept_rays_where_voxels_are_many() {
+        let puffs = Grid::from_fn([128; 3], |at| {
+            let p = Vec3::from(at.map(|i| i as f32 - 63.5)) / 64.0;
+            let wave = |x: f32| 0.5 + 0.5 * libm::sinf(9.0 * x);
+            if p.length() > 0.95 {
+                0.0
+            } else {
+                0.05 * wave(p.x) * wave(p.y) * wave(p.z)
+            }
+        });
+        let place = DAffine3::from_scale(DVec3::splat(1.0 / 64.0));
+        let puffs = VolumeInput::new("puffs", puffs, [0.5; 3], place);
+        let sun = LightInput::sun([0.3, -1.0, 0.2], [1.0; 3], 0.0).unwrap();
+        let scene = SceneBuilder::new("test").volume(puffs).light(sun);
+        let scene = scene.build().unwrap();
+        let tracer = Tracer::new(&scene);
+        let to_sun = SunDepths::direction(&scene.lights[0]).unwrap();
+        let made = |in_cells: bool| {
+            let suns = SunDepths::new(&tracer, |_| in_cells);
+            suns.make_in_cells(&|| Ok(())).unwrap();
+            suns
+        };
+        let suns = made(true);
+        let media: &dyn ShadowMedia<f32> = suns.before_sun(0).unwrap();
+        // Below the volume, beside it and in it.
+        let (mut squares, mut sum) = (0.0_f32, [0.0_f32; 2]);
+        for i in 0..400 {
+            let [u, v] = sampling::r2(i, [0.1, 0.6]).map(|u| 3.0 * u - 0.5);
+            let ray = Ray::endless(Vec3::new(u, (i % 3) as f32 * 0.6 - 0.8, v), to_sun);
+            let depths = [
+                media.optical_depth(&tracer, &ray),
+                depth_of(&scene.volumes[0], &ray),
+            ];
+            let [found, exact] = depths.map(exp_neg);
+            squares += (found - exact) * (found - exact) / 400.0;
+            sum = [sum[0] + found, sum[1] + exact];
+        }
+        assert!(squares.sqrt() < SunDepths::MAX_ERROR as f32, "{squares}");
+        assert!((sum[0] / sum[1] - 1.0).abs() < 2e-3, "{sum:?}");
+        let others = made(false);
+        let others: Option<&dyn ShadowMedia<f32>> = others.before_sun(0);
+        assert!(others.is_none());
     }
 }

@@ -202,7 +202,8 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
                 true => before_emission,
                 false => &emissive,
             };
-            let done = work.run(&shader, &ScatteringMedia(media), &lights)?;
+            let on_surfaces = lights.with_media_before_suns(in_scatter.before_suns());
+            let done = work.run(&shader, &ScatteringMedia(media), &on_surfaces)?;
             in_scatter.check()?;
             (done, in_scatter.counts())
         };

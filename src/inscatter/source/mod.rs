@@ -31,7 +31,7 @@ use super::sweep::{SWEPT_LEVELS, Sweep};
 use super::vertices::{CellCache, are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::SampleRange;
-use crate::light::{Lights, MediumLight, SceneMedia, ShadowRays, SunDepths};
+use crate::light::{Lights, MediaBeforeSuns, MediumLight, SceneMedia, ShadowRays, SunDepths};
 use crate::math::exp::{exp_neg, mean_reach, one_minus_exp_neg};
 use crate::math::{Rgb, SeenPhase, Spectrum, sampling};
 use crate::run::Job;
@@ -129,10 +129,10 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
         let suns = SunDepths::new(view.tracer, |v| {
             light.scattered.is_none() && view.shows_no_voxels(visible, v)
         });
-        if volumes
-            .iter()
-            .any(|v| view.may_matter(visible, Sweep::MARGIN_PIXELS, v.corners()))
-        {
+        // Shadows fall on surfaces where no medium is in sight, too.
+        let has_surfaces = view.tracer.scene.mesh.triangle_count() > 0;
+        let may_matter = |v: &Volume| view.may_matter(visible, Sweep::MARGIN_PIXELS, v.corners());
+        if has_surfaces || volumes.iter().any(may_matter) {
             suns.make_in_cells(&|| job.cancel.check())?;
         }
         Ok(Self {
@@ -149,6 +149,12 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
             vertex_rays: Self::SHADOW_RAYS,
             counters,
         })
+    }
+
+    /// The depth of media before suns, for shadows on surfaces, where coarse cells tell it.
+    #[must_use]
+    pub fn before_suns(&self) -> &dyn MediaBeforeSuns<G::Share> {
+        &self.suns
     }
 
     /// An error if any of the light that was made beforehand could not be read so far.
