@@ -65,6 +65,8 @@ pub fn plan(scene: &Scene, settings: &Settings, job: &Job) -> Result<Plan> {
         0 => budget.bytes(),
         bytes => bytes,
     };
+    // What is mapped beyond a limit is the system's to take back.
+    let memory_bytes = memory_bytes.min(job.memory_limit.unwrap_or(u64::MAX));
     Ok(Plan {
         memory_bytes,
         ..plan

@@ -277,6 +277,9 @@ fn voxels_beyond_a_limit_are_in_files() {
     fs::write(work.path("vast.raw"), voxels).unwrap();
     let files = || fs::read_dir(work.0.path()).unwrap().count();
     is_within(&work, "bake scene.toml", "scene.lvc", 80 << 20);
+    let plan = "bake scene.toml -o new.lvc --plan --temp-dir . --memory-limit 80M";
+    let told = lvox(work.0.path(), &plan.split(' ').collect::<Vec<_>>()).stdout;
+    assert!(told.contains("at least 80.0 MiB"), "{told}");
     let before = files();
     lvox(work.0.path(), &["build", "scene.lvc", "-o", "scene.lvt"]).done();
     lvox(work.0.path(), &["pack", "scene.toml", "-o", "scene.lvp"]).done();
