@@ -49,7 +49,7 @@ pub(super) fn volume(name: &str) -> Result<Field> {
     };
     Ok(Field::of_array(Array {
         dims,
-        bytes: samples(dims, value),
+        bytes: samples(dims, value).into(),
         number: Number::F32,
         big_endian: false,
         rescale: None,

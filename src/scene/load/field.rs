@@ -193,6 +193,7 @@ impl Field {
             self.read(&region.voxels, samples)?;
             Ok::<_, Error>(self.to_extinction(region, samples, scale))
         })?;
+        source.check()?;
         let survey = surveys.into_iter().fold(Survey::default(), Survey::and);
         if let Some(bad) = survey.first_bad(self.dims.iter().product()) {
             return Err(self.bad_voxel(bad)?);
@@ -272,7 +273,11 @@ mod tests {
             patient: None,
             samples: Samples::Array(Array {
                 dims,
-                bytes: values.iter().flat_map(|v| v.to_be_bytes()).collect(),
+                bytes: values
+                    .iter()
+                    .flat_map(|v| v.to_be_bytes())
+                    .collect::<Vec<u8>>()
+                    .into(),
                 number: Number::F32,
                 big_endian: true,
                 rescale: None,
@@ -367,7 +372,7 @@ mod tests {
                     };
                     let array = || Array {
                         dims,
-                        bytes: (0..count).flat_map(bytes).collect(),
+                        bytes: (0..count).flat_map(bytes).collect::<Vec<u8>>().into(),
                         number,
                         big_endian,
                         rescale: None,
@@ -441,7 +446,7 @@ mod tests {
         ] {
             let mut field = field(&[0.0; 2], [1, 1, 1]);
             if let Some(Samples::Array(array)) = Arc::get_mut(&mut field.samples) {
-                array.bytes = value.to_be_bytes().to_vec();
+                array.bytes = value.to_be_bytes().to_vec().into();
                 array.number = Number::F64;
             }
             let Err(error) = field.grid(&PLAIN, Path::new("a"), &mut Files::default()) else {

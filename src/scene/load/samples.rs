@@ -1,5 +1,6 @@
 //! The samples of a volume file, in whatever form they come, and boxes of them as f32.
 
+use super::files::Content;
 use crate::scene::grid::VoxelBox;
 use crate::{Error, Result};
 use smallvec::{SmallVec, smallvec};
@@ -23,13 +24,18 @@ pub(super) trait Source: Send + Sync {
 
     /// Length of the file that they come from.
     fn file_bytes(&self) -> usize;
+
+    /// Refuses a file that was cut while it was read.
+    fn check(&self) -> Result<()> {
+        Ok(())
+    }
 }
 
-/// Numbers of one type in memory, still in the file's bytes.
+/// Numbers of one type, still in the file's bytes.
 pub(super) struct Array {
     /// Voxels per axis.
     pub(super) dims: [usize; 3],
-    pub(super) bytes: Vec<u8>,
+    pub(super) bytes: Content,
     pub(super) number: Number,
     pub(super) big_endian: bool,
     /// Slope and intercept that make values of the numbers.
@@ -97,7 +103,8 @@ impl Array {
 
     /// The eight bytes of a number of so many, little-endian.
     pub(super) fn at<const N: usize>(&self, i: usize) -> [u8; N] {
-        let mut bytes: [u8; N] = std::array::from_fn(|k| self.bytes[i * N + k]);
+        let all = self.bytes.as_ref();
+        let mut bytes: [u8; N] = std::array::from_fn(|k| all[i * N + k]);
         if self.big_endian {
             bytes.reverse();
         }
@@ -130,7 +137,7 @@ impl Array {
         out: &mut [f32],
         value: impl Fn([u8; N]) -> f32,
     ) {
-        let bytes = &self.bytes[first * N..(first + out.len()) * N];
+        let bytes = &self.bytes.as_ref()[first * N..(first + out.len()) * N];
         let (numbers, _) = bytes.as_chunks::<N>();
         let all = out.iter_mut().zip(numbers);
         if self.big_endian {
@@ -163,7 +170,11 @@ impl Source for Array {
     }
 
     fn file_bytes(&self) -> usize {
-        self.bytes.len()
+        self.bytes.as_ref().len()
+    }
+
+    fn check(&self) -> Result<()> {
+        self.bytes.check()
     }
 }
 

@@ -167,7 +167,7 @@ impl Vol {
             patient: None,
             samples: Samples::Array(Array {
                 dims,
-                bytes,
+                bytes: bytes.into(),
                 number,
                 big_endian: false,
                 rescale: None,

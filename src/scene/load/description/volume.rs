@@ -444,10 +444,15 @@ pub fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> 
         let fields = vdb::read(content, path, grid.into(), colors, files);
         return fields.map_err(|e| e.at(path.display()));
     }
-    let content = files.read("volume", path).map_err(|e| table.locate(e))?;
     let fields = match layout {
-        Some((dims, number, big_endian)) => raw::read(content, dims, number, big_endian).map(one),
-        None => read_field(&kind, content, path, files).map(one),
+        Some((dims, number, big_endian)) => {
+            let content = files.map("volume", path).map_err(|e| table.locate(e))?;
+            raw::read(content, dims, number, big_endian).map(one)
+        }
+        None => {
+            let content = files.read("volume", path).map_err(|e| table.locate(e))?;
+            read_field(&kind, content, path, files).map(one)
+        }
     };
     fields.map_err(|e| e.at(path.display()))
 }

@@ -56,7 +56,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         patient,
         samples: Samples::Array(Array {
             dims,
-            bytes: data.bytes,
+            bytes: data.bytes.into(),
             number: if data.is_f64 { Number::F64 } else { number },
             big_endian: header.is_big_endian() && !data.is_f64,
             rescale: None,

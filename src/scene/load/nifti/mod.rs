@@ -51,7 +51,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         patient: Some(space),
         samples: Samples::Array(Array {
             dims,
-            bytes: data.bytes,
+            bytes: data.bytes.into(),
             number,
             big_endian: header.big_endian,
             rescale: header.rescale(),

@@ -59,7 +59,7 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
         patient: patient.filter(|_| world_from_file.is_some()),
         samples: Samples::Array(Array {
             dims,
-            bytes: data.bytes,
+            bytes: data.bytes.into(),
             number: if data.is_f64 { Number::F64 } else { number },
             big_endian: big_endian && !data.is_f64,
             rescale: None,
