@@ -222,7 +222,8 @@ pub fn run_before(
             .say(&format!("going on from {least} samples per pixel"));
         if let Some(spp) = settings.spp.filter(|&spp| spp < most) {
             job.progress.warn(&format!(
-                "{} keeps {most} samples per pixel, more than `spp` {spp}, and the image has them all; `overwrite` begins anew",
+                "{} keeps {most} samples per pixel, more than `spp` {spp}, and the image has them \
+                 all; `overwrite` begins anew",
                 kept.display()
             ));
         }

@@ -145,7 +145,8 @@ impl Sums {
         };
         let refused = |what: &str| {
             Error::input(format!("{} {what}", path.display())).hint(
-                "choose another output, or begin anew with `overwrite`: the samples in that file are lost then",
+                "choose another output, or begin anew with `overwrite`: \
+                 the samples in that file are lost then",
             )
         };
         let failed = |e: Unreadable| match e {

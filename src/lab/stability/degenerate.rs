@@ -151,8 +151,9 @@ fn doubles(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
     let file = |extra: &str| {
         format!("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0 0\nf 1 2 3\nf 1 3 4\n{extra}")
     };
-    let text = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0.5, 0.5, 2]\ntarget = [0.5, 0.5, 0]\n\
-                fov_x_deg = 20\n[[light]]\ntype = \"point\"\nposition = [0.2, 0.3, 1]\nintensity = [3, 2, 1]\n\
+    let text = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0.5, 0.5, 2]\n\
+                target = [0.5, 0.5, 0]\nfov_x_deg = 20\n\
+                [[light]]\ntype = \"point\"\nposition = [0.2, 0.3, 1]\nintensity = [3, 2, 1]\n\
                 [[mesh]]\nfile = \"a.obj\"\nalbedo = [0.5, 0.5, 0.5]\n";
     let load = |extra: &str| bench.load(text, &[("a.obj", file(extra).as_bytes())]);
     let (plain, flat) = (load("")?, load("f 1 5 2\nf 3 3 4\nf 2 2 2\n")?);

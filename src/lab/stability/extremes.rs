@@ -103,7 +103,8 @@ fn starved(bench: &Workbench, rows: &mut Vec<Row>) -> Result<()> {
 /// A room with a cube of a white medium of this extinction.
 fn with_cube(bench: &Workbench, extinction: f64) -> Result<Scene> {
     let mut text = String::from(
-        "[film]\nwidth = 32\nheight = 24\n[[camera]]\nposition = [0, 1, 3.9]\ntarget = [0, 1, 0]\nfov_x_deg = 40\n",
+        "[film]\nwidth = 32\nheight = 24\n[[camera]]\nposition = [0, 1, 3.9]\ntarget = [0, 1, 0]\n\
+         fov_x_deg = 40\n",
     );
     for (turn, at, albedo, size, emission) in [
         ([0, 0, 0], [0.0, 0.0, 0.0], 0.7, 2.0, 0.0),
@@ -114,15 +115,17 @@ fn with_cube(bench: &Workbench, extinction: f64) -> Result<Scene> {
     ] {
         let _ = write!(
             text,
-            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {size}\nrotate_deg = {turn:?}\ntranslate = {at:?}\n\
-             albedo = [{albedo}, {albedo}, {albedo}]\nemission = [{emission}, {emission}, {emission}]\n"
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {size}\nrotate_deg = {turn:?}\n\
+             translate = {at:?}\nalbedo = [{albedo}, {albedo}, {albedo}]\n\
+             emission = [{emission}, {emission}, {emission}]\n"
         );
     }
     let _ = write!(
         text,
-        "[[volume]]\nfile = \"white.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\nsigma_t_scale = {extinction:e}\n\
-         value_scale = 0.00392156862745098\nalbedo = [1, 1, 1]\n\
-         unitcube_to_world = [[0.7, 0, 0, -0.41], [0, 0.7, 0, 0.3], [0, 0, 0.7, -0.37], [0, 0, 0, 1]]\n"
+        "[[volume]]\nfile = \"white.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\n\
+         sigma_t_scale = {extinction:e}\nvalue_scale = 0.00392156862745098\nalbedo = [1, 1, 1]\n\
+         unitcube_to_world = [[0.7, 0, 0, -0.41], [0, 0.7, 0, 0.3], [0, 0, 0.7, -0.37], \
+         [0, 0, 0, 1]]\n"
     );
     bench.load(&text, &[("white.raw", &[255; 512])])
 }

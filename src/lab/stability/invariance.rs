@@ -214,7 +214,8 @@ fn room(change: &Change) -> String {
     let way = |p: [f64; 3]| list((map.matrix3 * DVec3::from(p)).normalize().to_array());
     let permute = |c: [f64; 3], factor: f64| list(change.channels.map(|k| c[k] * factor));
     let mut text = format!(
-        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = {}\ntarget = {}\nup = {}\nfov_x_deg = 40\n",
+        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = {}\ntarget = {}\nup = {}\n\
+         fov_x_deg = 40\n",
         point([0.0, 1.0, 3.9]),
         point([0.0, 1.0, 0.0]),
         way([0.0, 1.0, 0.0]),
@@ -267,9 +268,11 @@ fn room(change: &Change) -> String {
     );
     let _ = write!(
         text,
-        "[[light]]\ntype = \"directional\"\ndirection = {}\nirradiance = {}\nangular_radius_deg = 2\n\
+        "[[light]]\ntype = \"directional\"\ndirection = {}\nirradiance = {}\n\
+         angular_radius_deg = 2\n\
          [[volume]]\nfile = \"smoke.raw\"\ndims = [{VOXELS}, {VOXELS}, {VOXELS}]\ndtype = \"u8\"\n\
-         sigma_t_scale = {:e}\nvalue_scale = 0.00392156862745098\nalbedo = [0.8, 0.8, 0.8]\nunitcube_to_world = {}\n",
+         sigma_t_scale = {:e}\nvalue_scale = 0.00392156862745098\nalbedo = [0.8, 0.8, 0.8]\n\
+         unitcube_to_world = {}\n",
         way([-1.0, -0.6, -0.1]),
         permute([0.2, 0.3, 0.4], change.light),
         6.0 / change.scale,

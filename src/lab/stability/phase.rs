@@ -91,8 +91,8 @@ pub fn rows(bench: &Workbench) -> Result<Vec<Row>> {
         ] {
             rows.push(Row::with_error(
                 format!(
-                    "g 0.85: share that a slab {what} of a sun at a cosine of 0.9, all scatterings: \
-                     difference"
+                    "g 0.85: share that a slab {what} of a sun at a cosine of 0.9, all \
+                     scatterings: difference"
                 ),
                 format!("depth {tau:e}"),
                 (expected, found),

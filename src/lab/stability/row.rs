@@ -122,13 +122,14 @@ pub fn markdown(families: &[Family]) -> String {
     out
 }
 
-const HEAD: &str = "# Stability
-
-What `lvox stability` prints: lvox beside closed forms, quadrature and stated limits, at parameters from one end of
-their range to the other. It takes about a minute and exits with 1 if a row fails. Errors are relative to what was expected;
-where that is 0 they are absolute. `tests/stability.rs` runs the same cases, the heavy ones with fewer points. Rows of the part
-Precision are of the built-in scene; `lvox stability SCENE` takes any other.
-";
+const HEAD: &str = "# Stability\n\n\
+    What `lvox stability` prints: lvox beside closed forms, quadrature and stated limits, at \
+    parameters from one end of\n\
+    their range to the other. It takes about a minute and exits with 1 if a row fails. Errors are \
+    relative to what was expected;\n\
+    where that is 0 they are absolute. `tests/stability.rs` runs the same cases, the heavy ones \
+    with fewer points. Rows of the part\n\
+    Precision are of the built-in scene; `lvox stability SCENE` takes any other.\n";
 
 /// Six digits.
 fn figure(value: f64) -> String {

@@ -16,11 +16,16 @@ pub struct Shown {
     pub heat: Option<Vec<u8>>,
 }
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
-    table{border-collapse:collapse;margin:1em 0;font-size:.85em}td,th{padding:.3em .7em;border-bottom:1px solid #ddd;text-align:right}\
-    td:first-child,th:first-child{text-align:left}th{border-bottom:2px solid #888;vertical-align:bottom}\
-    div.wide{overflow-x:auto}th{max-width:9em}td{white-space:nowrap}figure{margin:0 0 1em}.pair{display:flex;gap:.5em}.pair img{width:50%}\
-    .bar span{display:inline-block;width:16em;height:1em;vertical-align:middle}figcaption,.bar{font-size:.9em}svg{max-width:100%;height:auto}";
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;\
+    padding:0 1em;color:#222}\
+    table{border-collapse:collapse;margin:1em 0;font-size:.85em}\
+    td,th{padding:.3em .7em;border-bottom:1px solid #ddd;text-align:right}\
+    td:first-child,th:first-child{text-align:left}\
+    th{border-bottom:2px solid #888;vertical-align:bottom}\
+    div.wide{overflow-x:auto}th{max-width:9em}td{white-space:nowrap}\
+    figure{margin:0 0 1em}.pair{display:flex;gap:.5em}.pair img{width:50%}\
+    .bar span{display:inline-block;width:16em;height:1em;vertical-align:middle}\
+    figcaption,.bar{font-size:.9em}svg{max-width:100%;height:auto}";
 
 /// The whole file.
 pub fn report(study: &Study, plots: &[Plot], images: &[Shown]) -> String {

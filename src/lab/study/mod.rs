@@ -74,8 +74,8 @@ pub fn run(
     scene.camera(settings.camera.as_deref())?;
     if settings.max_depth != SHADED_SEGMENTS {
         job.progress.warn(&format!(
-            "point-based methods compute direct light and one bounce, which is `max_depth` {SHADED_SEGMENTS}: with \
-             `max_depth` {} their errors are those of other transport too",
+            "point-based methods compute direct light and one bounce, which is `max_depth` \
+             {SHADED_SEGMENTS}: with `max_depth` {} their errors are those of other transport too",
             settings.max_depth
         ));
     }
@@ -115,7 +115,8 @@ pub fn run(
     if study.go_on_with(machine()) {
         let threads = study.machine.threads;
         job.progress.say(&format!(
-            "times taken with another number of threads or on another machine are kept apart from those with {threads}"
+            "times taken with another number of threads or on another machine are kept apart from \
+             those with {threads}"
         ));
     }
     study.peers = told.concat();

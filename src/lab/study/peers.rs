@@ -116,7 +116,8 @@ mod tests {
 
     #[test]
     fn tables_have_names_seconds_and_errors() {
-        let text = "\u{feff}name, spp,Seconds,relmse,flip\r\n\"pt, 2 \"\"fast\"\"\",4,1.5,2e-3,\n\nb,16,6,5e-4,.1\n";
+        let text = "\u{feff}name, spp,Seconds,relmse,flip\r\n\"pt, 2 \"\"fast\"\"\",4,1.5,2e-3,\n\n\
+                    b,16,6,5e-4,.1\n";
         let peers = parse(text, "t.csv").unwrap();
         let of = |i: usize| {
             let peer: &Peer = &peers[i];

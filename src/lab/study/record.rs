@@ -464,9 +464,9 @@ impl Study {
             other.join(", ")
         ))
         .hint(
-            "more `rounds` and more values of sweeps go into the same folder; for another base (`quality`, `seed`, \
-             `max_depth`, the last of `surfels`, the first of `block_depth`) choose another folder, or begin anew with \
-             `overwrite`",
+            "more `rounds` and more values of sweeps go into the same folder; for another base \
+             (`quality`, `seed`, `max_depth`, the last of `surfels`, the first of `block_depth`) \
+             choose another folder, or begin anew with `overwrite`",
         ))
     }
 

@@ -253,8 +253,9 @@ pub fn slopes(study: &Study) -> Table {
 }
 
 /// How to read [`slopes`].
-pub const SLOPES: &str = "Fitted in logarithms to every run of a sweep. Nothing is subtracted: the noise of the reference \
-    and what the settings that stay the same leave over are in, so a power flattens where the error nears its floor.";
+pub const SLOPES: &str = "Fitted in logarithms to every run of a sweep. Nothing is subtracted: the \
+    noise of the reference and what the settings that stay the same leave over are in, so a power \
+    flattens where the error nears its floor.";
 
 /// The runs that no other beats in both time and error.
 pub fn pareto(study: &Study) -> Table {
@@ -284,7 +285,11 @@ pub fn caption(study: &Study) -> String {
             NoiseSource::Image => "by a second image",
             NoiseSource::Given => "as it is given",
         };
-        format!(", of relMSE {} against the truth {told}, which plots subtract: hollow points are bounds", figure(v))
+        format!(
+            ", of relMSE {} against the truth {told}, which plots subtract: \
+             hollow points are bounds",
+            figure(v)
+        )
     });
     let seeds = study
         .runs
@@ -293,27 +298,31 @@ pub fn caption(study: &Study) -> String {
     let seeds = match seeds.max().unwrap_or(1) {
         1 => String::new(),
         n => format!(
-            " Bars reach from the least to the largest relMSE of up to {n} seeds, points are their means."
+            " Bars reach from the least to the largest relMSE of up to {n} seeds, \
+             points are their means."
         ),
     };
     let media = if study.has_media {
-        "The traditional method is given clouds with lvoxels, which it takes no notice of: their baking and building is in \
-         its times, their memory is not."
+        "The traditional method is given clouds with lvoxels, which it takes no notice of: their \
+         baking and building is in its times, their memory is not."
     } else {
         "The scene has no media: the traditional method is the extended one then, and is left out."
     };
     let rounds = match study.runs.iter().map(|r| r.rounds.len()).max().unwrap_or(0) {
         0 | 1 => "each timed once".to_owned(),
         n => format!(
-            "medians of up to {n} rounds in which the methods take turns and clouds are baked and built anew"
+            "medians of up to {n} rounds in which the methods take turns and clouds are \
+             baked and built anew"
         ),
     };
     format!(
-        "{} at {w}x{h} pixels, against {}{noise}.{seeds} Times are CPU seconds of all threads, {rounds}; loading the scene is left \
-         out. {media} Resident memory is the peak of the process while it renders, with \
-         the scene, the reference and what earlier runs leave. Monte Carlo's relMSE falls to the reference's noise as one \
-         over its time; its pdiff is read off straight lines in logarithms between its runs; in brackets where that is \
-         outside of what was measured, and no farther than {FARTHEST} times its longest run. lvox {} on {} ({}), {} threads.",
+        "{} at {w}x{h} pixels, against {}{noise}.{seeds} Times are CPU seconds of all threads, \
+         {rounds}; loading the scene is left out. {media} Resident memory is the peak of the \
+         process while it renders, with the scene, the reference and what earlier runs leave. \
+         Monte Carlo's relMSE falls to the reference's noise as one over its time; its pdiff is \
+         read off straight lines in logarithms between its runs; in brackets where that is outside \
+         of what was measured, and no farther than {FARTHEST} times its longest run. lvox {} on {} \
+         ({}), {} threads.",
         study.scene,
         study.reference.source,
         study.version,
@@ -373,9 +382,10 @@ pub fn markdown(study: &Study) -> String {
 /// All runs, one a line.
 pub fn csv(study: &Study) -> String {
     let mut text = String::from(
-        "name,method,sweep,value,cloud,surfels,surfel_radius,lvoxels,tree_bytes,lvoxel_bytes,bake_cpu_secs,build_cpu_secs,\
-         render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,relmse_trimmed,flip,ssim,pdiff,bias,\
-         lvoxel_share,peak_memory_bytes,relmse_less_noise,seeds,relmse_mean,relmse_least,relmse_most\n",
+        "name,method,sweep,value,cloud,surfels,surfel_radius,lvoxels,tree_bytes,lvoxel_bytes,\
+         bake_cpu_secs,build_cpu_secs,render_wall_secs,render_cpu_secs,total_cpu_secs,relmse,\
+         relmse_trimmed,flip,ssim,pdiff,bias,lvoxel_share,peak_memory_bytes,relmse_less_noise,\
+         seeds,relmse_mean,relmse_least,relmse_most\n",
     );
     for run in &study.runs {
         let time = run.time();

@@ -49,7 +49,10 @@ pub fn check(target: f64) -> Result<()> {
         Err(Error::input(format!(
             "`target_error` must be more than 0 and less than 1, found {target}"
         ))
-        .hint("it is a trimmed relMSE as `lvox compare` prints it: 1e-2 is coarse, 1e-3 fair, 1e-4 fine"))
+        .hint(
+            "it is a trimmed relMSE as `lvox compare` prints it: 1e-2 is coarse, 1e-3 fair, \
+             1e-4 fine",
+        ))
     }
 }
 
@@ -75,7 +78,8 @@ pub fn choose(
         let settings = adapt(rung(found.rung));
         if pilot.lost() > 0 {
             job.progress.warn(&format!(
-                "the pilot of `target_error` left out {} of {} paths whose light is infinite or not a number",
+                "the pilot of `target_error` left out {} of {} paths whose light is \
+                 infinite or not a number",
                 pilot.lost(),
                 pilot.paths()
             ));

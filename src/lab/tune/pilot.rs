@@ -105,9 +105,13 @@ impl<'a> Pilot<'a> {
             let found = self.compare(&shaded);
             if !found.error.is_finite() {
                 return Err(Error::failed(
-                    "the pilot of `target_error` shaded pixels, or traced paths, that are infinite or not a number",
+                    "the pilot of `target_error` shaded pixels, or traced paths, \
+                     that are infinite or not a number",
                 )
-                .hint("look for emission, intensities or sizes at the limits of floats, or give settings instead"));
+                .hint(
+                    "look for emission, intensities or sizes at the limits of floats, or give \
+                     settings instead",
+                ));
             }
             // An error above the target need not be known as well as one at the target; but one far
             // above may be that of few paths, which miss what is bright and rare.
