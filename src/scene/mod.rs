@@ -414,8 +414,8 @@ impl Scene {
         let is_near = far <= Self::MAX_EXTENTS_FROM_ORIGIN * extent;
         if !is_near {
             return Err(Error::input(format!(
-                "the scene is {far:.3e} units from where the tree was baked, more than {} times its extent of \
-                 {extent:.3e}",
+                "the scene is {far:.3e} units from where the tree was baked, more than {} times \
+                 its extent of {extent:.3e}",
                 Self::MAX_EXTENTS_FROM_ORIGIN
             ))
             .hint("the scene has moved: bake it again"));

@@ -225,8 +225,8 @@ impl CameraInput {
             let is_right = open < close && [open, close].iter().all(|t| t.abs() <= MOST_FRAMES);
             if !is_right {
                 return Err(Error::input(format!(
-                    "{}: expected a shutter that opens before it closes, both at most {MOST_FRAMES} \
-                     frames away, found {open} to {close}",
+                    "{}: expected a shutter that opens before it closes, both at most \
+                     {MOST_FRAMES} frames away, found {open} to {close}",
                     what()
                 )));
             }

@@ -318,7 +318,8 @@ impl SceneBuilder {
                     mesh.degenerate
                 ),
                 _ => format!(
-                    "masks leave nothing of all {clear} triangles of the scene: there is nothing to render"
+                    "masks leave nothing of all {clear} triangles of the scene: \
+                     there is nothing to render"
                 ),
             }));
         }

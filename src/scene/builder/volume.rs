@@ -66,7 +66,8 @@ impl VolumeInput {
         }
         let [x, y, z] = parts;
         notes.push(format!(
-            "volume `{}`: its voxels are divided by {x}, {y} and {z} along their axes, as they are deep and far from cubes",
+            "volume `{}`: its voxels are divided by {x}, {y} and {z} along their axes, as they are \
+             deep and far from cubes",
             self.name
         ));
         let dims: [usize; 3] = std::array::from_fn(|a| self.sigma_t.dims()[a] * parts[a]);

@@ -80,7 +80,8 @@ impl EnvironmentImage {
         };
         if let Some(i) = texels.iter().position(|t| !is_right(t)) {
             return Err(Error::input(format!(
-                "expected radiance from 0 to {:e}, found {:?} in column {} of row {}, counted from 0",
+                "expected radiance from 0 to {:e}, found {:?} in column {} of row {}, \
+                 counted from 0",
                 Self::MAX_RADIANCE,
                 texels[i],
                 i as u32 % width,

@@ -201,7 +201,8 @@ fn without_ringing(texels: &mut [[f32; 3]], files: &mut Files) {
         count += 1;
     }
     files.warnings.push(format!(
-        "an environment image has {count} values below 0, down to {least:.2e}, which are taken for 0"
+        "an environment image has {count} values below 0, down to {least:.2e}, \
+         which are taken for 0"
     ));
 }
 

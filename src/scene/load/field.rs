@@ -179,7 +179,8 @@ impl Field {
         if layout.bytes() > self.allowance() {
             let [x, y, z] = self.dims;
             return Err(Error::input(format!(
-                "{x} x {y} x {z} voxels take {} in memory, more than the {} that a file of this length may ask for",
+                "{x} x {y} x {z} voxels take {} in memory, more than the {} that a file of this \
+                 length may ask for",
                 size::format(layout.bytes()),
                 size::format(self.allowance())
             ))

@@ -95,8 +95,8 @@ impl Files {
             return Ok(());
         }
         Err(Error::input(format!(
-            "{what} file {} lies outside of the folders of the scene and of the file that names it, which \
-             `allow_outside` would allow",
+            "{what} file {} lies outside of the folders of the scene and of the file that names \
+             it, which `allow_outside` would allow",
             path.display()
         )))
     }

@@ -40,7 +40,8 @@ impl Groups {
                 let name = item.text()?;
                 if !is_name(name) || name == DEFAULT {
                     let expected = format!(
-                        "expected a name of letters, digits, - and _ other than \"{DEFAULT}\", found \"{name}\""
+                        "expected a name of letters, digits, - and _ other than \"{DEFAULT}\", \
+                         found \"{name}\""
                     );
                     return Err(item.error(expected));
                 }

@@ -39,7 +39,8 @@ impl Images {
         if self.bytes.saturating_add(bytes) > limit {
             let [bytes, before, limit] = [bytes, self.bytes, limit].map(size::format);
             return Err(Error::input(format!(
-                "{name} takes {bytes} beside {before} of other textures, more than the `texture_limit` of {limit}"
+                "{name} takes {bytes} beside {before} of other textures, more than the \
+                 `texture_limit` of {limit}"
             ))
             .hint("raise `texture_limit`, or make images smaller"));
         }

@@ -159,7 +159,8 @@ mod tests {
         }
         assert_eq!(
             left_out.features_told(3).unwrap(),
-            "all surfaces are taken as diffuse; of 3 materials this leaves out glass of 1, bumps and normal maps of 2"
+            "all surfaces are taken as diffuse; of 3 materials this leaves out glass of 1, bumps \
+             and normal maps of 2"
         );
     }
 
@@ -176,7 +177,8 @@ mod tests {
         assert_eq!(
             files.warnings,
             [
-                "x.obj: normals are dropped: line 1, line 2, line 3, line 4, line 5, line 6, line 7, line 8 and 2 more",
+                "x.obj: normals are dropped: line 1, line 2, line 3, line 4, line 5, line 6, line \
+                 7, line 8 and 2 more",
                 "x.obj: lines are left out: line 7"
             ]
         );

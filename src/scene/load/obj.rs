@@ -262,7 +262,8 @@ impl Reader<'_> {
                 self.note("references to `vt` and `vn` that are not there are left out");
             } else if key[a].is_none() {
                 return Err(Error::input(format!(
-                    "the corner {} refers to `{name}` number {number}, but there are {count} so far",
+                    "the corner {} refers to `{name}` number {number}, \
+                     but there are {count} so far",
                     short(text)
                 )));
             }
@@ -498,7 +499,8 @@ mod tests {
     #[test]
     fn odd_elements_are_dropped_and_told() {
         let text = "V 0 0 0 # origin\nv 1 0 0\nv 1 1 0\nvt nan 0\nvn -nan(ind) 0 1.#QNAN\n\
-                    F 1/1/1 2/2/1 3/1/7 # a face\nf 1 2\nf 1\nl 1 2\np 1\nusemtl x # y\ncurv 0 1 1 2\n";
+                    F 1/1/1 2/2/1 3/1/7 # a face\nf 1 2\nf 1\nl 1 2\np 1\nusemtl x # y\n\
+                    curv 0 1 1 2\n";
         let (mesh, warnings) = load_with_warnings(text).unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2]]);
         assert_eq!(mesh.normals, [Vec3::ZERO; 3]);

@@ -128,7 +128,8 @@ impl Cutter {
         }
         if count > MAX_CORNERS {
             return Err(Error::input(format!(
-                "a face that is not convex has {count} corners, more than the {MAX_CORNERS} that it may have"
+                "a face that is not convex has {count} corners, \
+                 more than the {MAX_CORNERS} that it may have"
             ))
             .hint("cut it into triangles"));
         }

@@ -85,8 +85,9 @@ fn read_text(content: &[u8], corners: &mut Corners, files: &Files) -> Result<()>
     let text = text.filter(|text| text.trim_start().starts_with("solid"));
     let text = text.ok_or_else(|| {
         Error::input(format!(
-            "expected an STL file: text that begins with `solid`, or a header of {HEADER} bytes and {TRIANGLE} for \
-             each of the triangles that it counts; found {} bytes of something else",
+            "expected an STL file: text that begins with `solid`, or a header of {HEADER} bytes \
+             and {TRIANGLE} for each of the triangles that it counts; \
+             found {} bytes of something else",
             content.len()
         ))
     })?;
@@ -124,9 +125,9 @@ fn read_text(content: &[u8], corners: &mut Corners, files: &Files) -> Result<()>
 mod tests {
     use super::*;
 
-    const TEXT: &str = "solid two\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   \
-        vertex 1 1 0\n  endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   vertex -0 0 0\n   \
-        vertex 1 1 0\n   vertex 0 1e0 0\n  endloop\n endfacet\nendsolid two\n";
+    const TEXT: &str = "solid two\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   \
+        vertex 1 0 0\n   vertex 1 1 0\n  endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   \
+        vertex -0 0 0\n   vertex 1 1 0\n   vertex 0 1e0 0\n  endloop\n endfacet\nendsolid two\n";
 
     fn binary(name: &[u8], triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
         let mut bytes = name.to_vec();

@@ -462,8 +462,8 @@ mod tests {
         let error = decode(&other, Path::new("b.png"), linear, &mut files).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "b.png: a texture of 40 x 30 takes 1.17 KiB beside 1.17 KiB of other textures, more than the \
-             `texture_limit` of 1.95 KiB"
+            "b.png: a texture of 40 x 30 takes 1.17 KiB beside 1.17 KiB of other textures, more \
+             than the `texture_limit` of 1.95 KiB"
         );
         assert!(error.hint_text().unwrap().contains("`texture_limit`"));
         // It is no image that is left out, either.

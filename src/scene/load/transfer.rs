@@ -47,7 +47,8 @@ impl Transfer {
     pub(super) fn read(content: &[u8], path: &Path, files: &mut Files) -> Result<Self> {
         let document: Value = serde_json::from_slice(content).map_err(|e| {
             Error::input(format!("expected a preset in JSON, found none: {e}")).hint(
-                "3D Slicer 5.10 and later save volume properties as .vp.json; open older ones there and save them anew",
+                "3D Slicer 5.10 and later save volume properties as .vp.json; open older ones \
+                 there and save them anew",
             )
         })?;
         let schema = document.get("@schema").and_then(Value::as_str);
@@ -279,8 +280,8 @@ fn points<const N: usize>(
     let list = list.filter(|list| (1..=MAX_POINTS).contains(&list.len()));
     let list = list.ok_or_else(|| {
         Error::input(format!(
-            "expected 1 to {MAX_POINTS} points in `volumeProperties[0].components[0].{name}.points`, found none, \
-             or more"
+            "expected 1 to {MAX_POINTS} points in \
+             `volumeProperties[0].components[0].{name}.points`, found none, or more"
         ))
     })?;
     let mut points = Points::<N>::new();

@@ -143,7 +143,8 @@ fn unpacked(
     let total = expected.saturating_add(skip.unwrap_or(0));
     if total > most {
         return Err(Error::input(format!(
-            "the header promises {expected} bytes of samples, more than {packed} compressed bytes can hold"
+            "the header promises {expected} bytes of samples, \
+             more than {packed} compressed bytes can hold"
         )));
     }
     let mut bytes = memory::room("a volume", total.min(packed.saturating_mul(8)))?;
@@ -191,7 +192,8 @@ fn unpacked(
 pub(super) fn text(content: &[u8], count: usize, cancel: &Cancel) -> Result<Data> {
     if count > content.len() {
         return Err(Error::input(format!(
-            "expected {count} numbers, found {} characters; the file is truncated or its header is wrong",
+            "expected {count} numbers, found {} characters; \
+             the file is truncated or its header is wrong",
             content.len()
         )));
     }
@@ -251,6 +253,7 @@ pub(super) fn hex(content: &[u8], expected: usize, cancel: &Cancel) -> Result<Da
 
 pub(super) fn too_short(expected: usize, found: usize) -> Error {
     Error::input(format!(
-        "expected {expected} bytes of samples, found {found}; the file is truncated or its header is wrong"
+        "expected {expected} bytes of samples, found {found}; \
+         the file is truncated or its header is wrong"
     ))
 }

@@ -63,7 +63,8 @@ impl Vol {
         let found = content.len() - HEADER_BYTES;
         if expected != Some(found) {
             return Err(Error::input(format!(
-                "expected {x} x {y} x {z} numbers in {channels} channels, found {found} bytes of them"
+                "expected {x} x {y} x {z} numbers in {channels} channels, \
+                 found {found} bytes of them"
             )));
         }
         let float = |i: usize| f64::from(f32::from_le_bytes(word(i)));

@@ -62,7 +62,8 @@ pub(super) fn read(packed: &PackedScene) -> Result<Instances> {
     if let Some(at) = materials.position(emits) {
         let at = first as usize + at;
         return Err(Error::input(format!(
-            "triangle {at} is of a prototype and emits light, which only triangles in scene space may"
+            "triangle {at} is of a prototype and emits light, \
+             which only triangles in scene space may"
         )));
     }
     let end = [meta.mesh.triangles as u32, meta.mesh.vertices as u32];

@@ -46,7 +46,8 @@ pub fn camera(table: &Table<'_>, index: usize) -> Result<CameraInput> {
     let [open, close] = item.numbers()?;
     if open >= close {
         return Err(item.error(format_args!(
-            "expected when the shutter opens and, later, closes, in frames, found {open} and {close}"
+            "expected when the shutter opens and, later, closes, in frames, \
+             found {open} and {close}"
         )));
     }
     Ok(camera.shutter(open, close))

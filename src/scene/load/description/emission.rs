@@ -50,8 +50,8 @@ impl<'a> EmissionTable<'a> {
                 (Emission::Proportional { radiance }, 1.0)
             }
             (None, None) => {
-                let expected = "expected `scale`, the radiance per unit of length where a value is 1, or \
-                     `kelvin`, the temperature there";
+                let expected = "expected `scale`, the radiance per unit of length where a value is \
+                     1, or `kelvin`, the temperature there";
                 return Err(table.error(expected));
             }
         };

@@ -430,8 +430,14 @@ pub fn fields(table: &Table<'_>, name: &str, path: &Path, files: &mut Files) -> 
                     "a volume with the extension \"{other}\" is not supported"
                 ))
                 .hint(match other {
-                    "dcm" | "" | "ima" => "turn a DICOM folder into NIfTI first, for example with `dcm2niix -z y FOLDER`",
-                    _ => "volumes are .vdb, .nrrd, .nhdr, .nii, .nii.gz, .mhd, .mha, .vol or .raw files",
+                    "dcm" | "" | "ima" => {
+                        "turn a DICOM folder into NIfTI first, for example with \
+                         `dcm2niix -z y FOLDER`"
+                    }
+                    _ => {
+                        "volumes are .vdb, .nrrd, .nhdr, .nii, .nii.gz, .mhd, .mha, \
+                         .vol or .raw files"
+                    }
                 }));
         }
     };

@@ -188,7 +188,8 @@ impl Buffers {
         // A stride below the size would make much out of few bytes.
         if stride < size || end.is_none_or(|end| end > bytes.len()) {
             return Err(Error::input(format!(
-                "{count} elements of {size} bytes, {stride} apart from {offset} on, do not fit the {} bytes of buffer view {}",
+                "{count} elements of {size} bytes, {stride} apart from {offset} on, do not fit the \
+                 {} bytes of buffer view {}",
                 bytes.len(),
                 view.index()
             )));

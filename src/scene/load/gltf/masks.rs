@@ -49,7 +49,8 @@ impl Reader<'_> {
             }
         }
         if cutoff.is_none() && (texture.is_some() || opacity < 1.0) {
-            let what = "materials that blend are there in part: by their alpha they reflect light or let it through";
+            let what = "materials that blend are there in part: by their alpha they reflect light \
+                        or let it through";
             self.left_out.note(what, format_args!("`{name}`"));
         }
         Ok(Some(Mask {

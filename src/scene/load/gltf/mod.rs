@@ -87,9 +87,9 @@ impl Import {
             n => format!(" and {n} others"),
         };
         files.warn(format!(
-            "{}: a light of intensity {first:?}{others} is taken as radiometric; if it is in candela or lux, as Blender \
-             writes it, radiance comes out {LUMENS_PER_WATT} times as high: `light_scale = {LIGHT_SCALE}` beside \
-             `import` in a scene file mends that",
+            "{}: a light of intensity {first:?}{others} is taken as radiometric; if it is in \
+             candela or lux, as Blender writes it, radiance comes out {LUMENS_PER_WATT} times as \
+             high: `light_scale = {LIGHT_SCALE}` beside `import` in a scene file mends that",
             path.display()
         ));
     }
@@ -304,7 +304,8 @@ impl<'a> Reader<'a> {
                     (libm::cosf(inner_cone_angle), libm::cosf(outer_cone_angle));
                 if !(inner_cone_angle >= 0.0 && cos_inner > cos_outer) {
                     return Err(Error::input(format!(
-                        "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: the inner must be smaller"
+                        "a spot light of cone angles {inner_cone_angle} and {outer_cone_angle}: \
+                         the inner must be smaller"
                     )));
                 }
                 Light::Spot {
@@ -447,8 +448,8 @@ impl<'a> Reader<'a> {
             let base = base.texture.as_ref();
             let is_elsewhere = base.is_some_and(|base| !is_placed_alike(base, &info));
             if is_elsewhere && made.emission_texture.is_some() && !without_uvs {
-                let what = "materials shine evenly, with the mean of their emissive texture, where that lies otherwise than \
-                            that of their base colour";
+                let what = "materials shine evenly, with the mean of their emissive texture, where \
+                            that lies otherwise than that of their base colour";
                 self.left_out.note(what, format_args!("`{name}`"));
             }
             if is_elsewhere || without_uvs {

@@ -31,7 +31,8 @@ pub(super) fn read(content: Vec<u8>, path: &Path, files: &mut Files) -> Result<F
     let patient = header.patient_space();
     if header.is_rescaled() {
         files.warn(format!(
-            "{}: `ElementToIntensityFunctionSlope` and `Offset` are left out, as ITK does; values are those stored",
+            "{}: `ElementToIntensityFunctionSlope` and `Offset` are left out, as ITK does; values \
+             are those stored",
             path.display()
         ));
     }
@@ -86,10 +87,12 @@ impl Header {
                 return Err(match fields.is_empty() {
                     // What is no such file is not quoted.
                     true => Error::input(
-                        "expected `Name = value` in the first line of a MetaImage file, found another kind of file",
+                        "expected `Name = value` in the first line of a MetaImage file, found \
+                         another kind of file",
                     ),
                     false => Error::input(format!(
-                        "line {number}: expected `Name = value` up to `ElementDataFile`, found \"{}\"",
+                        "line {number}: expected `Name = value` up to `ElementDataFile`, \
+                         found \"{}\"",
                         line.chars().take(40).collect::<String>()
                     )),
                 });
@@ -126,8 +129,8 @@ impl Header {
         let channels = self.get(&["ElementNumberOfChannels"]).unwrap_or("1");
         if count != "3" || channels != "1" {
             return Err(Error::input(format!(
-                "expected `NDims = 3` and one channel, found {count} and {channels}; only scalar volumes are \
-                 supported"
+                "expected `NDims = 3` and one channel, found {count} and {channels}; only scalar \
+                 volumes are supported"
             )));
         }
         let sizes: Vec<usize> = text
@@ -158,7 +161,8 @@ impl Header {
             _ => {
                 return Err(
                     Error::input(format!("`ElementType = {name}` is not supported")).hint(
-                        "supported are MET_CHAR to MET_LONG_LONG, MET_UCHAR to MET_ULONG_LONG, MET_FLOAT and MET_DOUBLE",
+                        "supported are MET_CHAR to MET_LONG_LONG, MET_UCHAR to MET_ULONG_LONG, \
+                         MET_FLOAT and MET_DOUBLE",
                     ),
                 );
             }
@@ -260,7 +264,8 @@ impl Header {
         };
         if is_singular(&map) {
             return Err(Error::input(
-                "the placement by `TransformMatrix` and `ElementSpacing` is singular: it flattens space",
+                "the placement by `TransformMatrix` and `ElementSpacing` is singular: \
+                 it flattens space",
             ));
         }
         Ok(map)

@@ -11,7 +11,8 @@ const BYTES: [u8; 4] = [7, 0, 255, 16];
 fn header(more: &str, data: &str) -> String {
     let mut text = String::new();
     let name = |line: &str| line.split('=').next().map(|n| n.trim().to_owned());
-    let plain = "ObjectType = Image\nNDims = 3\nBinaryData = True\nDimSize = 2 1 2\nElementType = MET_UCHAR";
+    let plain = "ObjectType = Image\nNDims = 3\nBinaryData = True\nDimSize = 2 1 2\n\
+                 ElementType = MET_UCHAR";
     for line in plain.lines() {
         if !more.lines().any(|m| name(m) == name(line)) {
             text += &format!("{line}\n");

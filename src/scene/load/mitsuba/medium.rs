@@ -82,7 +82,8 @@ impl Reader<'_> {
                     * DAffine3::from_translation(DVec3::splat(-1.0))
                     * DAffine3::from_scale(DVec3::splat(2.0));
                 if shape.kind() != "cube" || !are_alike(&box_from_unitcube, &world_from_unitcube) {
-                    let what = "media are drawn in the whole box of their grid, which is not that of their shape";
+                    let what = "media are drawn in the whole box of their grid, \
+                                which is not that of their shape";
                     self.left_out.note(what, shape.line());
                 }
                 let (most_over_mean, color) = self.channels(medium, &vol);

@@ -148,7 +148,8 @@ impl Reader<'_> {
             material.emission_texture = Some(mesh.textures.len() as u32);
             mesh.textures.push(texture);
             if *uv.get_or_insert(map) != map {
-                let what = "textures of radiance that lie otherwise than those of colour are taken as their mean";
+                let what = "textures of radiance that lie otherwise than those of colour are \
+                            taken as their mean";
                 self.left_out.note(what, shape.line());
                 texture::replace_emission_by_mean(material, &mesh.textures);
             }

@@ -194,8 +194,8 @@ impl Reader<'_> {
                 let [d, ..] = self.left_out.within(color(text)?, 1.0, what, number);
                 self.has_d = true;
                 if d < 1.0 {
-                    let what = "materials with `d` below 1 are there in part: they reflect that share of light and let the \
-                                rest through";
+                    let what = "materials with `d` below 1 are there in part: they reflect that \
+                                share of light and let the rest through";
                     self.left_out.note(what, name);
                     mask_of(material).opacity = d;
                 }

@@ -21,8 +21,8 @@ fn what_changes_looks_and_is_left_out_is_said_once() {
     assert_eq!(
         files.warnings,
         [
-            "x.mtl: materials with `d` below 1 are there in part: they reflect that share of light and let the rest \
-             through: `glass`",
+            "x.mtl: materials with `d` below 1 are there in part: they reflect that share of light \
+             and let the rest through: `glass`",
             "x.mtl: textures that are not there are left out: `a.png`",
             "x.mtl: `d` outside of [0,1] is brought into it: line 7"
         ]
@@ -84,13 +84,15 @@ fn what_is_not_diffuse_is_summed_up_in_a_line() {
         read(text.as_bytes(), Path::new("x.mtl"), &mut files).unwrap();
         files.warnings
     };
-    let text = "newmtl a\nillum 5\nNi 1.5\nnewmtl b\nillum 7\nTf 1 1 1\nmap_Bump -bm 1 b.png\nbump b.png\n\
-                newmtl c\nKs 0.9 0.6 0.1\nillum 2\nnewmtl d\nillum 4\nnewmtl e\nPm 1\nPc 0.2\n";
+    let text = "newmtl a\nillum 5\nNi 1.5\nnewmtl b\nillum 7\nTf 1 1 1\nmap_Bump -bm 1 b.png\n\
+                bump b.png\nnewmtl c\nKs 0.9 0.6 0.1\nillum 2\nnewmtl d\nillum 4\nnewmtl e\nPm 1\n\
+                Pc 0.2\n";
     assert_eq!(
         warnings(text),
         [
-            "x.mtl: all surfaces are taken as diffuse; of 5 materials this leaves out mirrors of 1, glass of 2, metal \
-             of 1, highlights of 1, clear coats of 1, bumps and normal maps of 1"
+            "x.mtl: all surfaces are taken as diffuse; of 5 materials this leaves out mirrors of \
+             1, glass of 2, metal of 1, highlights of 1, clear coats of 1, \
+             bumps and normal maps of 1"
         ]
     );
     for seen in [
@@ -134,8 +136,8 @@ fn a_wrong_colour_names_its_line() {
 
 #[test]
 fn what_is_out_of_range_or_not_there_is_mended_and_told() {
-    let text = "\u{feff}NEWMTL a\nKD 1.5 0.5 -1\nMAP_KD -s 1 1 1 my tile.png\nKe nan 1 1\nnewmtl b\n\
-                map_Kd x.png\nmap_Kd -imfchan r x.png\nKd xyz 1 1 1\n";
+    let text = "\u{feff}NEWMTL a\nKD 1.5 0.5 -1\nMAP_KD -s 1 1 1 my tile.png\nKe nan 1 1\n\
+                newmtl b\nmap_Kd x.png\nmap_Kd -imfchan r x.png\nKd xyz 1 1 1\n";
     let mut files = Files::default();
     let library = read(text.as_bytes(), Path::new("m/x.mtl"), &mut files).unwrap();
     let [a, b] = &library.materials[..] else {

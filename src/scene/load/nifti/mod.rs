@@ -108,7 +108,8 @@ impl<'a> Header<'a> {
             )
             .hint("write it as one file, for example with `nib.save(image, \"a.nii.gz\")`")),
             _ => Err(Error::input(
-                "expected the magic \"n+1\" or \"n+2\" of NIfTI, found none; ANALYZE files are not read",
+                "expected the magic \"n+1\" or \"n+2\" of NIfTI, found none; \
+                 ANALYZE files are not read",
             )
             .hint("write it as NIfTI, for example with `nib.save(image, \"a.nii.gz\")`")),
         }
@@ -170,7 +171,8 @@ impl<'a> Header<'a> {
         }
         if sizes[3..].iter().any(|n| *n > 1) {
             return Err(Error::input(format!(
-                "expected one volume, found `dim` {sizes:?}: a series, or more than one value in each voxel"
+                "expected one volume, found `dim` {sizes:?}: a series, \
+                 or more than one value in each voxel"
             ))
             .hint("write one of them as a file of its own, for example with `nib.four_to_three`"));
         }
@@ -248,8 +250,8 @@ impl<'a> Header<'a> {
             (self.qform(), "qform")
         } else {
             files.warn(format!(
-                "{}: neither `sform` nor `qform` has a code; voxels are taken to run right, anterior and \
-                 superior",
+                "{}: neither `sform` nor `qform` has a code; voxels are taken to run right, \
+                 anterior and superior",
                 path.display()
             ));
             (DAffine3::from_scale(self.voxel_size()), "pixdim")

@@ -304,7 +304,8 @@ impl Header {
         };
         if !spacings.is_finite() || spacings.cmpeq(DVec3::ZERO).any() {
             return Err(Error::input(format!(
-                "expected three spacings other than 0, found {} {} {} from `spacings`, or from `axis mins` and `axis maxs`",
+                "expected three spacings other than 0, found {} {} {} from `spacings`, or from \
+                 `axis mins` and `axis maxs`",
                 spacings.x, spacings.y, spacings.z
             )));
         }

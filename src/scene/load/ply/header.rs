@@ -204,7 +204,8 @@ mod tests {
     fn headers_are_read_whatever_ends_their_lines() {
         for end in ["\n", "\r\n", "\r"] {
             let text = "ply\nformat ascii 1.0\ncomment TextureFile a b.png\nobj_info x\n\
-                        element vertex 2\nproperty float32 x\nproperty list uchar int y\nend_header\n1";
+                        element vertex 2\nproperty float32 x\nproperty list uchar int y\n\
+                        end_header\n1";
             let content = text.replace('\n', end);
             let header = Header::parse(content.as_bytes()).unwrap();
             assert_eq!(header.textures, ["a b.png"]);

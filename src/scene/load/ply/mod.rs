@@ -307,7 +307,8 @@ impl Payload<'_> {
         };
         if element.count > most {
             return Err(Error::input(format!(
-                "the header promises {} elements `{}`, the rest of the file has room for {most} at most",
+                "the header promises {} elements `{}`, \
+                 the rest of the file has room for {most} at most",
                 element.count, element.name
             )));
         }

@@ -323,7 +323,8 @@ fn number_of(kind: &str, channel: Option<usize>) -> Result<Number> {
             "Tree_vec3s_5_4_3" => Ok(Number::Float),
             "Tree_vec3s_5_4_3_HalfFloat" => Ok(Number::FloatAsHalf),
             other => Err(Error::input(format!(
-                "it has the type {other}; colours are read of Tree_vec3s_5_4_3 alone, also stored as half"
+                "it has the type {other}; colours are read of Tree_vec3s_5_4_3 alone, \
+                 also stored as half"
             ))
             .hint("convert it to a grid of vectors of three floats")),
         };
@@ -333,7 +334,8 @@ fn number_of(kind: &str, channel: Option<usize>) -> Result<Number> {
         "Tree_float_5_4_3_HalfFloat" => Ok(Number::FloatAsHalf),
         "Tree_half_5_4_3" => Ok(Number::Half),
         other => Err(Error::input(format!(
-            "it has the type {other}; only Tree_float_5_4_3, also stored as half, and Tree_half_5_4_3 are supported"
+            "it has the type {other}; only Tree_float_5_4_3, also stored as half, and \
+             Tree_half_5_4_3 are supported"
         ))
         .hint("convert it to a float grid")),
     }

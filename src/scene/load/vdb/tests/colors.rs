@@ -120,8 +120,9 @@ fn a_scene_file_names_the_colors_or_is_told_of_them() {
     std::fs::write(folder.path().join("smoke.vdb"), content).unwrap();
     let load = |more: &str| {
         let text = format!(
-            "[[camera]]\nposition = [0, 0, 9]\ntarget = [0, 0, 0]\n[[volume]]\nfile = \"smoke.vdb\"\n\
-             sigma_t_scale = 1\nalbedo = [0.2, 0.4, 0.1]\n{more}\n"
+            "[[camera]]\nposition = [0, 0, 9]\ntarget = [0, 0, 0]\n\
+             [[volume]]\nfile = \"smoke.vdb\"\nsigma_t_scale = 1\nalbedo = [0.2, 0.4, 0.1]\n\
+             {more}\n"
         );
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, text).unwrap();
