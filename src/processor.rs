@@ -45,7 +45,8 @@ mod x86 {
     #[cold]
     pub fn refuse() -> ! {
         const WORDS: &[u8] =
-            b"error: this program was built for x86-64-v3: processors with AVX2, FMA and BMI2, which this one lacks\n\
+            b"error: this program was built for x86-64-v3: processors with AVX2, FMA and BMI2, \
+              which this one lacks\n\
               hint: build it with `RUSTFLAGS=` (empty); results are the same\n";
         // SAFETY: these are calls of the system, and the bytes are there for good.
         #[allow(unsafe_code)]

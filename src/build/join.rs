@@ -105,7 +105,8 @@ fn open(paths: &[PathBuf]) -> Result<Vec<Piece<'_>>> {
         let both = || format!("{} and {}", a.path.display(), b.path.display());
         if a.count != b.count || whole(a.cloud.meta()) != whole(b.cloud.meta()) {
             return Err(Error::input(format!(
-                "{}: expected parts of one bake, found another scene, other settings or another count of parts",
+                "{}: expected parts of one bake, found another scene, \
+                 other settings or another count of parts",
                 both()
             ))
             .hint("bake all parts of the same scene with the same settings"));

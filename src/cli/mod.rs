@@ -63,8 +63,10 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "lvox", version, long_version = version::LONG.as_str())]
 #[command(
-    after_help = "`lvox help VERB` describes a verb. `lvox completions SHELL` and `lvox man DIR` are for packages.\n\
-                        Exit codes: 0 done; 1 (or --retry-code) failed, a retry may help; 2 wrong usage or input, do not retry.\n\
+    after_help = "`lvox help VERB` describes a verb. `lvox completions SHELL` and `lvox man DIR` \
+                        are for packages.\n\
+                        Exit codes: 0 done; 1 (or --retry-code) failed, a retry may help; 2 wrong \
+                        usage or input, do not retry.\n\
                         Data goes to stdout, everything else to stderr."
 )]
 struct Cli {
@@ -371,7 +373,8 @@ impl Cli {
 fn run_verb(verb: Verb, context: &mut Context) -> Result<()> {
     if verb.resumes() && context.overwrite == Overwrite::Replace {
         return Err(Error::input(
-            "--resume leaves what is made already, and --force makes it again: expected one of them",
+            "--resume leaves what is made already, and --force makes it again: \
+             expected one of them",
         )
         .hint("leave one of them out"));
     }

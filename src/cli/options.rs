@@ -317,7 +317,8 @@ impl Shared {
                 n => format!("{n} threads"),
             };
             Error::failed(format!("cannot start {count}: {why}")).hint(
-                "take fewer `threads`, or raise the limits of processes and memory (ulimit -u and -v)",
+                "take fewer `threads`, or raise the limits of processes and memory \
+                 (ulimit -u and -v)",
             )
         };
         if !memory::have_stacks(threads) {

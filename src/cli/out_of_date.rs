@@ -45,8 +45,8 @@ fn out_of_date(
     }
     let Some(parts) = scene.parts_that_differ(settings) else {
         return Some(
-            "baked from another version of the scene's files; unless only cameras and film have changed, its indirect \
-             light is out of date"
+            "baked from another version of the scene's files; unless only cameras and film have \
+             changed, its indirect light is out of date"
                 .into(),
         );
     };
@@ -56,6 +56,7 @@ fn out_of_date(
         _ => format!("{} and {last}", rest.join(", ")),
     };
     Some(format!(
-        "baked from a scene of other {other}; its indirect light is not that of this scene. Bake and build it again"
+        "baked from a scene of other {other}; its indirect light is not that of this scene. Bake \
+         and build it again"
     ))
 }

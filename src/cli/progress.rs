@@ -295,7 +295,8 @@ impl TaskLines {
 fn style(known_total: bool, unit: &str) -> ProgressStyle {
     let template = if known_total {
         format!(
-            "{{prefix:>8}} [{{wide_bar:.cyan/blue}}] {{human_pos}}/{{human_len}} {unit} {{rate}} {{eta}} left"
+            "{{prefix:>8}} [{{wide_bar:.cyan/blue}}] {{human_pos}}/{{human_len}} {unit} \
+             {{rate}} {{eta}} left"
         )
     } else {
         format!("{{prefix:>8}} {{spinner}} {{human_pos}} {unit} {{rate}} {{elapsed}}")

@@ -231,14 +231,15 @@ impl ShadeSettings {
             options += &format!(" --volume-samples {}", s.volume_samples);
         }
         job.progress.say(&format!(
-            "target error {target:.1e}: shading with {options} --pixel-samples {} --corner-spacing {} \
-             --edge-samples {} --shadow-rays {}, expected error {expected:.1e}",
+            "target error {target:.1e}: shading with {options} --pixel-samples {} --corner-spacing \
+             {} --edge-samples {} --shadow-rays {}, expected error {expected:.1e}",
             s.pixel_samples, s.corner_spacing, s.edge_samples, s.shadow_rays,
         ));
         match choice.outcome {
             Outcome::OutOfReach => job.progress.warn(&format!(
-                "the target error {target:.1e} is out of reach of sampling: about {expected:.1e} is what to expect. The \
-                 rest is bias of the tree and of interpolation; a tree with more --surfels may have less"
+                "the target error {target:.1e} is out of reach of sampling: about {expected:.1e} \
+                 is what to expect. The rest is bias of the tree and of interpolation; a tree with \
+                 more --surfels may have less"
             )),
             Outcome::Better => job.progress.say(&format!(
                 "the coarsest settings are expected to have less error than {target:.1e}"

@@ -169,7 +169,8 @@ fn lights(parts: &[Part]) -> Result<Vec<GroupLight<'_>>> {
         };
         if own.is_empty() {
             return Err(Error::input(format!(
-                "{path}: expected the image of a group of lights, or one with layers {LIGHT}NAME, found neither"
+                "{path}: expected the image of a group of lights, or one with layers {LIGHT}NAME, \
+                 found neither"
             ))
             .hint("name its group as NAME=FILE"));
         }

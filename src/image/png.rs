@@ -57,7 +57,8 @@ pub fn write_exposed(
     let found = exposure.of(&shown(frame)?).unwrap_or(1.0);
     if exposure == Exposure::Automatic {
         progress.say(&format!(
-            "{}: automatic exposure {found}, at which one lit pixel in fifty is brighter than white",
+            "{}: automatic exposure {found}, at which one lit pixel in fifty is \
+             brighter than white",
             path.display()
         ));
     }

@@ -101,7 +101,8 @@ impl Region {
                 "region {self} reaches outside the frame of {full_width}x{full_height} pixels"
             ))
             .hint(format!(
-                "a region is X0 Y0 X1 Y1 with X1 and Y1 exclusive; the whole frame is 0 0 {full_width} {full_height}"
+                "a region is X0 Y0 X1 Y1 with X1 and Y1 exclusive; the whole frame is 0 0 \
+                 {full_width} {full_height}"
             )));
         }
         Ok(())

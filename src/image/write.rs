@@ -44,8 +44,8 @@ fn warn_of_clamped(output: &Path, frame: &Frame, precision: Precision, job: &Job
     let clamped = exr::clamped(frame, precision);
     if clamped.samples > 0 {
         job.progress.warn(&format!(
-            "{}: {} samples in {} channels ({}) are beyond 65504, the largest 16-bit float, and are stored as that; \
-             use --float to keep them",
+            "{}: {} samples in {} channels ({}) are beyond 65504, the largest 16-bit float, and \
+             are stored as that; use --float to keep them",
             output.display(),
             clamped.samples,
             clamped.channels.len(),

@@ -152,14 +152,15 @@ fn check_scene(scene: &Scene, job: &Job) -> Result<()> {
         job.cancel.check()?;
         if !volume.has_right_levels()? {
             return wrong(format!(
-                "a level of the volume {:?} is not the mean of the one before, or samples beyond the \
-                 border of the first are not those at it",
+                "a level of the volume {:?} is not the mean of the one before, or samples beyond \
+                 the border of the first are not those at it",
                 volume.name
             ));
         }
         if !volume.has_right_errors()? {
             return wrong(format!(
-                "errors of bricks of the volume {:?} on coarser levels are not those of its samples",
+                "errors of bricks of the volume {:?} on coarser levels are not \
+                 those of its samples",
                 volume.name
             ));
         }

@@ -94,7 +94,8 @@ pub fn run(
         if expected != Some(found) {
             let expected = expected.map_or_else(|| "none".to_owned(), |hash| hex(&hash));
             return Err(Error::input(format!(
-                "{}: expected light gathered from the tree that is packed, {expected}, found that of {}",
+                "{}: expected light gathered from the tree that is packed, {expected}, \
+                 found that of {}",
                 path.display(),
                 hex(&found)
             ))

@@ -148,7 +148,8 @@ impl PointFile {
         let found = u128::from(bytes) + u128::from(self.encoding == Encoding::Text);
         if all > found || (has_nothing_else && all < found) {
             return Err(Error::input(format!(
-                "the header promises {} points, the file has room for {}; it is truncated or damaged",
+                "the header promises {} points, the file has room for {}; \
+                 it is truncated or damaged",
                 self.count,
                 bytes.saturating_sub(self.start) / row
             )));
@@ -216,7 +217,8 @@ fn names_of(columns: u64) -> Result<&'static [&'static str]> {
         3 => Ok(&NAMES[..3]),
         6 => Ok(&NAMES),
         _ => Err(Error::input(format!(
-            "expected N x 6 numbers, positions and normals, or N x 3 without normals, found N x {columns}"
+            "expected N x 6 numbers, positions and normals, or N x 3 without normals, \
+             found N x {columns}"
         ))),
     }
 }

@@ -232,7 +232,8 @@ impl<'a> Plan<'a> {
         let (radius, area) = (radius as f32, area as f32);
         if !(radius.is_normal() && area.is_normal()) {
             return Err(Error::input(format!(
-                "expected a disk that 32-bit floats hold, found a radius of {radius:e} and an area of {area:e}"
+                "expected a disk that 32-bit floats hold, \
+                 found a radius of {radius:e} and an area of {area:e}"
             )));
         }
         Ok(Sample {

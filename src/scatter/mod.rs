@@ -151,7 +151,8 @@ fn has_lit_media(scene: &Scene, job: &Job) -> Result<bool> {
     if differ.len() == scene.volumes.len() {
         return is_none(
             Error::input(
-                "what the volumes of this scene scatter differs with the camera: they have phase functions",
+                "what the volumes of this scene scatter differs with the camera: \
+                 they have phase functions",
             )
             .hint("shade it from its tree: there is nothing to scatter for all cameras"),
         );

@@ -25,7 +25,8 @@ pub fn text(plan: &Plan) -> Result<String> {
         }),
         json!({
             "name": "Folder", "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "INOUT", "default": ".",
-            "description": "The folder that names of files are relative to, which all machines share",
+            "description": "The folder that names of files are relative to, \
+                            which all machines share",
         }),
     ];
     if let Some(frames) = &plan.frames {

@@ -440,7 +440,8 @@ fn refuse_own_options(verb: &str, words: &Words) -> Result<()> {
         return Ok(());
     };
     let error = Error::input(format!(
-        "--{verb} \"{option}\": expected options that the job leaves to `lvox {verb}`, found one that it gives itself"
+        "--{verb} \"{option}\": expected options that the job leaves to `lvox {verb}`, found one \
+         that it gives itself"
     ));
     Err(error.hint(match instead {
         Some(instead) => format!("give {instead} to `lvox farm`"),

@@ -58,7 +58,8 @@ pub fn text(plan: &Plan, sbatch: &Words) -> Result<String> {
     options.extend(plan.memory.map(|bytes| format!("--mem={}M", mib(bytes))));
     let quoted = |words: &[String]| shell(&[words.to_vec()]);
     let mut text = format!(
-        "#!/bin/bash\n# Submits the frames of {:?} to Slurm: bash THIS-FILE, in the folder that names are relative to.\n\
+        "#!/bin/bash\n# Submits the frames of {:?} to Slurm: bash THIS-FILE, in the folder that \
+         names are relative to.\n\
          set -euo pipefail\nfolder={}\noptions=({})\n{SUBMIT}\n",
         plan.name,
         quoted(std::slice::from_ref(&plan.folder))?,

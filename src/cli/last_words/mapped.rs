@@ -49,7 +49,10 @@ mod linux {
             let mut line = Line::new();
             line.push(b"error: ");
             line.push(path);
-            line.push(b": the file was cut or its disk failed while it was read; make it anew, or start again when it is whole");
+            line.push(
+                b": the file was cut or its disk failed while it was read; make it anew, or \
+                  start again when it is whole",
+            );
             end(line);
         }
         let Some(before) = BEFORE.get() else { return };

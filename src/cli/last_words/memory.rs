@@ -21,8 +21,8 @@ fn refused(bytes: usize) {
     // Numbers are formatted without memory.
     let _ = write!(
         line,
-        "error: not enough memory: the system does not give {bytes} more bytes; raise the limit (ulimit -v, the \
-         memory of the job), lower --memory-limit, or take fewer --threads"
+        "error: not enough memory: the system does not give {bytes} more bytes; raise the limit \
+         (ulimit -v, the memory of the job), lower --memory-limit, or take fewer --threads"
     );
     end(line);
 }

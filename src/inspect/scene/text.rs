@@ -198,7 +198,8 @@ impl fmt::Display for VolumeDescription {
         if let Some(space) = self.patient_space {
             writeln!(
                 f,
-                "  patient     {space} in the file; unless the scene says otherwise left is x, superior y, anterior z"
+                "  patient     {space} in the file; unless the scene says otherwise left is x, \
+                 superior y, anterior z"
             )?;
         }
         writeln!(f, "  bounds      {}", self.bounds)?;
