@@ -59,7 +59,8 @@ element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 
 #[test]
 fn obj() {
-    let obj = b"v 0 0 0\nv 1 0 0 \\\n 1\nv 0 1 0 .1 .2 .3\nvt 0 1\nvn 0 0 1\nf 1/1/1 -2//1 3\nf 1 2 3 1\n";
+    let obj = b"v 0 0 0\nv 1 0 0 \\\n 1\nv 0 1 0 .1 .2 .3\nvt 0 1\nvn 0 0 1\nf 1/1/1 -2//1 3\n\
+                f 1 2 3 1\n";
     damage("a.obj", obj, "[[mesh]]\nfile = \"a.obj\"\n");
 }
 

@@ -15,7 +15,8 @@ property float nx\nproperty float ny\nproperty float nz\n\
 property uchar red\nproperty uchar green\nproperty uchar blue\n\
 property float u\nproperty float v\nproperty int skipped\n\
 element face 1\nproperty list uchar int vertex_indices\nend_header\n\
-0 0 0 0 0 2 255 0 128 0 0 -7\n1 0 0 0 0 2 255 0 128 1 0 -7\n0 1 0.5 0 0 2 255 0 128 0 1 -7\n3 0 1 2\n";
+0 0 0 0 0 2 255 0 128 0 0 -7\n1 0 0 0 0 2 255 0 128 1 0 -7\n0 1 0.5 0 0 2 255 0 128 0 1 -7\n\
+3 0 1 2\n";
 
 fn mesh(file: &str, more: &str) -> String {
     format!("[[mesh]]\nfile = \"{file}\"\n{more}\n")
@@ -43,9 +44,10 @@ fn binary_ply_in_both_byte_orders_is_cut_into_fans_and_coloured_by_face() {
         };
         let name = if little { "little" } else { "big" };
         let mut ply = format!(
-            "ply\nformat binary_{name}_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
-             property float z\nelement face 2\nproperty list uchar uint vertex_index\nproperty float red\n\
-             property float green\nproperty float blue\nproperty uchar material_index\nend_header\n"
+            "ply\nformat binary_{name}_endian 1.0\nelement vertex 4\nproperty float x\n\
+             property float y\nproperty float z\nelement face 2\n\
+             property list uchar uint vertex_index\nproperty float red\nproperty float green\n\
+             property float blue\nproperty uchar material_index\nend_header\n"
         )
         .into_bytes();
         for p in [[0.0_f32, 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]] {
@@ -81,9 +83,9 @@ fn a_colour_is_the_same_in_every_format() {
     let ply = |kind: &str, color: &str| {
         let corners = ["0 0 0", "1 0 0", "0 1 0"].map(|p| format!("{p} {color}\n"));
         format!(
-            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-             property {kind} red\nproperty {kind} green\nproperty {kind} blue\nelement face 1\n\
-             property list uchar int vertex_indices\nend_header\n{}3 0 1 2\n",
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+             property float z\nproperty {kind} red\nproperty {kind} green\nproperty {kind} blue\n\
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n{}3 0 1 2\n",
             corners.concat()
         )
     };
@@ -107,16 +109,17 @@ fn a_colour_is_the_same_in_every_format() {
 
 #[test]
 fn textures_that_a_ply_names_are_drawn() {
-    let head = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 3\nproperty float x\n\
-                property float y\nproperty float z\n";
+    let head = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 3\n\
+                property float x\nproperty float y\nproperty float z\n";
     let of_vertices = format!(
         "{head}property float texture_u\nproperty float texture_v\nelement face 1\n\
-         property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+         property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n\
+         3 0 1 2\n"
     );
     let of_corners = format!(
-        "{head}element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\n\
-         property int texnumber\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 1 0 0 1 0\n\
-         3 2 1 0 6 0.5 0 1 0 0 0 0\n"
+        "{head}element face 2\nproperty list uchar int vertex_indices\n\
+         property list uchar float texcoord\nproperty int texnumber\nend_header\n0 0 0\n1 0 0\n\
+         0 1 0\n3 0 1 2 6 0 0 1 0 0 1 0\n3 2 1 0 6 0.5 0 1 0 0 0 0\n"
     );
     for ply in [of_vertices, of_corners] {
         let files: [(&str, &[u8]); 2] = [("a.ply", ply.as_bytes()), ("t.png", &png())];
@@ -136,7 +139,8 @@ fn textures_that_a_ply_names_are_drawn() {
 
 #[test]
 fn what_a_texture_is_lacking_is_no_reason_to_draw_nothing() {
-    let obj = b"mtllib x.mtl b c.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nusemtl a\nf 1/1 2/2 3/1\n";
+    let obj = b"mtllib x.mtl b c.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nusemtl a\n\
+                f 1/1 2/2 3/1\n";
     let mtl = b"newmtl a\nKd 0.25 0.5 1\nmap_Kd no.png\n";
     let files: [(&str, &[u8]); 2] = [("a.obj", obj), ("b c.mtl", mtl)];
     let scene = load(&mesh("a.obj", ""), &files).unwrap();
@@ -239,8 +243,9 @@ fn a_scene_file_gives_a_mesh_a_texture_of_emission() {
         of("emission = [3, 2, 1]\nemission_texture = \"t.png\"\ntexture = \"t.png\"").unwrap();
     assert_eq!(scene.materials[0].emission, [3.0, 2.0, 1.0]);
     assert!(scene.textures[0].shares_texels(&scene.textures[1]));
-    let ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-                element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                property float z\nelement face 1\nproperty list uchar int vertex_indices\n\
+                end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
     let files: [(&str, &[u8]); 2] = [("a.ply", ply), ("t.png", &png())];
     let error = load(&mesh("a.ply", "emission_texture = \"t.png\""), &files).unwrap_err();
     assert!(
@@ -312,7 +317,8 @@ fn keys_override_what_the_file_says() {
 
     let text = mesh(
         "a.ply",
-        "texture = \"t.png\"\nemission = [1, 2, 3]\nemits_both_sides = true\nvisible = false\nname = \"n\"",
+        "texture = \"t.png\"\nemission = [1, 2, 3]\nemits_both_sides = true\nvisible = false\n\
+         name = \"n\"",
     );
     let scene = load(&text, &files).unwrap();
     assert_eq!(scene.materials[0].emission, [1.0, 2.0, 3.0]);
@@ -341,7 +347,8 @@ fn cameras_and_lights_are_placed() {
 [[light]]\ntype = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 2, 3]\n\
 [[light]]\ntype = \"spot\"\nposition = [0, 1, 0]\ntarget = [0, 0, 0]\nintensity = [1, 1, 1]\n\
 inner_deg = 10\nouter_deg = 60\n\
-[[light]]\ntype = \"directional\"\ndirection = [0, -2, 0]\nirradiance = [1, 1, 1]\nangular_radius_deg = 0.5\n\
+[[light]]\ntype = \"directional\"\ndirection = [0, -2, 0]\nirradiance = [1, 1, 1]\n\
+angular_radius_deg = 0.5\n\
 [[light]]\ntype = \"environment\"\nradiance = [0.5, 0.5, 1]\n";
     let scene = load(&(text.to_string() + &mesh("builtin:cube", "")), &[]).unwrap();
     assert!(scene.warnings.is_empty());
@@ -481,8 +488,8 @@ fn a_gltf_is_a_scene_by_itself_or_a_mesh_in_one() {
 /// A `map_d` of an image with alpha, and of one that is grey; `d` is a factor on both.
 #[test]
 fn masks_of_mtl_are_alpha_or_grey() {
-    let obj = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl leaf\nf 1/1 2/2 3/3\nusemtl net\n\
-                f 1/1 3/3 2/2\n";
+    let obj = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl leaf\n\
+                f 1/1 2/2 3/3\nusemtl net\nf 1/1 3/3 2/2\n";
     let toml = b"[[mesh]]\nfile = \"a.obj\"\n";
     let mtl = b"newmtl leaf\nmap_Kd leaf.png\nmap_d leaf.png\nnewmtl net\nd 0.5\nmap_d grey.png\n";
     let folder = Folder::new(&[("a.obj", obj), ("a.mtl", mtl), ("a.toml", toml)]);

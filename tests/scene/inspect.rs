@@ -213,7 +213,8 @@ fn meshes_and_volumes_need_no_scene() {
 fn a_volume_file_says_what_to_try() {
     // Air around a ball of tissue; voxels of 2 units.
     let header = "NRRD0004\ntype: int16\ndimension: 3\nsizes: 32 32 32\nspace: RAS\n\
-                  space directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (0,0,0)\nendian: little\nencoding: raw\n";
+                  space directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (0,0,0)\n\
+                  endian: little\nencoding: raw\n";
     let value = |i: usize| {
         let r2: usize = [i % 32, i / 32 % 32, i / 1024]
             .iter()

@@ -42,14 +42,16 @@ fn what_is_made_is_what_a_file_would_make() {
         .build()
         .unwrap();
     let text = format!(
-        "name = \"scene\"\n[film]\nwidth = 32\nheight = 24\nexposure = 2\n[[camera]]\nname = \"front\"\n\
-         position = [0, 1, 5]\ntarget = [0, 0, 0]\nfov_x_deg = {}\n[[mesh]]\nfile = \"a.obj\"\n\
-         albedo = [0.25, 0.25, 0.25]\nemission = [2, 2, 2]\n[[light]]\ntype = \"point\"\n\
-         position = [1e6, 2, 0]\nintensity = [3, 3, 3]\n[[light]]\ntype = \"spot\"\nposition = [0, 0, 0]\n\
-         direction = [0, -1, 0]\nintensity = [1, 1, 1]\ninner_deg = {}\nouter_deg = {}\n[[light]]\n\
-         type = \"directional\"\ndirection = [3, -4, 0]\nirradiance = [1, 1, 1]\n[[volume]]\n\
-         file = \"a.raw\"\nname = \"fog\"\ndims = [2, 1, 1]\ndtype = \"f32\"\nsigma_t_scale = 1\n\
-         albedo = [0.5, 0.5, 0.5]\ng = [0.8, -0.25]\nmix = 0.75\nunitcube_to_world = [[4,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]\n",
+        "name = \"scene\"\n[film]\nwidth = 32\nheight = 24\nexposure = 2\n\
+         [[camera]]\nname = \"front\"\nposition = [0, 1, 5]\ntarget = [0, 0, 0]\nfov_x_deg = {}\n\
+         [[mesh]]\nfile = \"a.obj\"\nalbedo = [0.25, 0.25, 0.25]\nemission = [2, 2, 2]\n\
+         [[light]]\ntype = \"point\"\nposition = [1e6, 2, 0]\nintensity = [3, 3, 3]\n\
+         [[light]]\ntype = \"spot\"\nposition = [0, 0, 0]\ndirection = [0, -1, 0]\n\
+         intensity = [1, 1, 1]\ninner_deg = {}\nouter_deg = {}\n\
+         [[light]]\ntype = \"directional\"\ndirection = [3, -4, 0]\nirradiance = [1, 1, 1]\n\
+         [[volume]]\nfile = \"a.raw\"\nname = \"fog\"\ndims = [2, 1, 1]\ndtype = \"f32\"\n\
+         sigma_t_scale = 1\nalbedo = [0.5, 0.5, 0.5]\ng = [0.8, -0.25]\nmix = 0.75\n\
+         unitcube_to_world = [[4,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]\n",
         0.8_f64.to_degrees(),
         0.25_f64.to_degrees(),
         0.5_f64.to_degrees()

@@ -9,8 +9,9 @@ use lvox::scene::Scene;
 use std::fs;
 
 const CUBE: &str = "[[mesh]]\nfile = \"builtin:cube\"\n";
-const RAW: &str = "[[volume]]\nfile = \"a.raw\"\ndims = [2, 1, 1]\ndtype = \"f32\"\nalbedo = [1, 1, 1]\n\
-sigma_t_scale = 1\nworld_from_index = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n";
+const RAW: &str = "[[volume]]\nfile = \"a.raw\"\ndims = [2, 1, 1]\ndtype = \"f32\"\n\
+albedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+world_from_index = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n";
 
 /// Message and hint of a scene that must not load.
 fn refused(text: &str, files: &[(&str, &[u8])]) -> (String, String) {
@@ -205,7 +206,8 @@ fn scene_files() {
             "",
         ),
         (
-            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\naperture = -1\nfocus_distance = 1",
+            "[[camera]]\nposition = [0, 0, 0]\ntarget = [0, 0, 1]\naperture = -1\n\
+             focus_distance = 1",
             "expected a number from 0 to 1e15, found -1",
             "",
         ),
@@ -230,7 +232,8 @@ fn scene_files() {
             "",
         ),
         (
-            "[[camera]]\nname = \"a\"\nposition = [0,0,1]\ntarget = [0,0,0]\n[[camera]]\nname = \"a\"\nposition = [0,0,1]\ntarget = [0,0,0]",
+            "[[camera]]\nname = \"a\"\nposition = [0,0,1]\ntarget = [0,0,0]\n\
+             [[camera]]\nname = \"a\"\nposition = [0,0,1]\ntarget = [0,0,0]",
             "another camera has the name \"a\" too",
             "",
         ),
@@ -255,7 +258,8 @@ fn scene_files() {
             "",
         ),
         (
-            "[[light]]\ntype = \"spot\"\nposition = [0, 0, 0]\ndirection = [0, 1, 0]\nintensity = [1, 0, 0]\ninner_deg = 30\nouter_deg = 20",
+            "[[light]]\ntype = \"spot\"\nposition = [0, 0, 0]\ndirection = [0, 1, 0]\n\
+             intensity = [1, 0, 0]\ninner_deg = 30\nouter_deg = 20",
             "expected more than the 30",
             "",
         ),
@@ -280,7 +284,8 @@ fn scene_files() {
             "",
         ),
         (
-            "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nalbedo_grid = \"Cd\"",
+            "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             albedo_grid = \"Cd\"",
             "only .vdb files have this key",
             "",
         ),
@@ -295,12 +300,14 @@ fn scene_files() {
             "",
         ),
         (
-            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ndims = [1, 1, 1]\ndtype = \"f16\"",
+            "[[volume]]\nfile = \"a.raw\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             dims = [1, 1, 1]\ndtype = \"f16\"",
             "expected one of u8",
             "",
         ),
         (
-            "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ndims = [1, 1, 1]",
+            "[[volume]]\nfile = \"a.nrrd\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             dims = [1, 1, 1]",
             "only .raw files have this key",
             "",
         ),
@@ -315,7 +322,8 @@ fn scene_files() {
             "dcm2niix",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nwindow = [2, 2]",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             window = [2, 2]",
             "low end first",
             "",
         ),
@@ -330,22 +338,27 @@ fn scene_files() {
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { color = [1, 0, 0] }",
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             emission = { color = [1, 0, 0] }",
             "`emission` at line 7: expected `scale`",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { kelvin = 1, color = [1, 0, 0] }",
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             emission = { kelvin = 1, color = [1, 0, 0] }",
             "`color` and `kelvin` exclude each other",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { scale = -1 }",
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             emission = { scale = -1 }",
             "expected a number from 0 to 1e30, found -1",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nemission = { scale = 1, file = \"no.vdb\" }\nunitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+            "[[volume]]\nfile = \"builtin:flame\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             emission = { scale = 1, file = \"no.vdb\" }\n\
+             unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
             "no.vdb",
             "",
         ),
@@ -355,37 +368,44 @@ fn scene_files() {
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5, -2]\nmix = 0.5",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             g = [0.5, -2]\nmix = 0.5",
             "expected two numbers from -0.99 to 0.99, found -2",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5]\nmix = 0.5",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             g = [0.5]\nmix = 0.5",
             "expected 2 numbers in brackets, found 1",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5, -0.5]",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             g = [0.5, -0.5]",
             "`mix` is missing",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = [0.5, -0.5]\nmix = 1.5",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             g = [0.5, -0.5]\nmix = 1.5",
             "expected a number from 0 to 1, found 1.5",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = 0.5\nmix = 0.5",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = 0.5\n\
+             mix = 0.5",
             "`mix` in [[volume]] at line 8: expected two lobes to weigh",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\nmix = 0.5",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             mix = 0.5",
             "there is no `g` that it could weigh",
             "",
         ),
         (
-            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\ng = \"mie\"",
+            "[[volume]]\nfile = \"builtin:plume\"\nalbedo = [1, 1, 1]\nsigma_t_scale = 1\n\
+             g = \"mie\"",
             "expected a number",
             "",
         ),
@@ -420,7 +440,8 @@ fn scene_files() {
             "irradiance",
         ),
         (
-            "[[light]]\ntype = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\nvisible = false",
+            "[[light]]\ntype = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
+             visible = false",
             "no `visible`",
             "its keys are position, intensity",
         ),

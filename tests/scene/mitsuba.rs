@@ -65,7 +65,9 @@ const SCENE: &str = r##"<scene version="3.0.0">
   </shape>
 </scene>"##;
 
-const OBJ: &[u8] = b"mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl x\nf 1/1 2/2 3/3\n";
+const OBJ: &[u8] =
+    b"mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl x\n\
+      f 1/1 2/2 3/3\n";
 
 fn vol(values: &[f32], sizes: [i32; 3]) -> Vec<u8> {
     let mut bytes = b"VOL\x03\x01\0\0\0".to_vec();
@@ -245,7 +247,8 @@ fn what_is_left_out_is_told_with_its_line() {
     assert!(!folder.path("a.lvc").exists());
     for (content, says) in [
         (
-            "<shape type=\"sphere\"><bsdf type=\"diffuse\"><rgb name=\"reflectence\" value=\"1\"/></bsdf></shape>",
+            "<shape type=\"sphere\"><bsdf type=\"diffuse\"><rgb name=\"reflectence\" value=\"1\"/>\
+             </bsdf></shape>",
             "left out: `reflectence` of diffuse line 3",
         ),
         (
@@ -257,7 +260,9 @@ fn what_is_left_out_is_told_with_its_line() {
             "`sunsky` are left out: line 3",
         ),
         (
-            "<shape type=\"rectangle\"><bsdf type=\"mask\"><texture type=\"vertexcolors\" name=\"opacity\"/><bsdf type=\"diffuse\"/></bsdf></shape>",
+            "<shape type=\"rectangle\"><bsdf type=\"mask\">\
+             <texture type=\"vertexcolors\" name=\"opacity\"/><bsdf type=\"diffuse\"/></bsdf>\
+             </shape>",
             "opacities of vertices are taken as 1: line 3",
         ),
     ] {
@@ -281,8 +286,10 @@ fn mistakes_are_one_line_with_their_line() {
         )
     };
     let deep = nested(100_000);
-    let looping = "<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf><shape type=\"cube\"><ref id=\"a\"/></shape>";
-    let group = "<shape type=\"shapegroup\" id=\"g\"><shape type=\"instance\"><ref id=\"g\"/></shape></shape>\
+    let looping = "<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf>\
+                   <shape type=\"cube\"><ref id=\"a\"/></shape>";
+    let group = "<shape type=\"shapegroup\" id=\"g\"><shape type=\"instance\"><ref id=\"g\"/>\
+                 </shape></shape>\
                  <shape type=\"instance\"><ref id=\"g\"/></shape>";
     let mut laughs = String::from("<default name=\"x0\" value=\"ha ha ha ha ha ha\"/>");
     for i in 1..30 {
@@ -318,7 +325,8 @@ fn mistakes_are_one_line_with_their_line() {
             "<shape>",
         ),
         (
-            "\n\n<shape type=\"cube\"><ref id=\"grean\"/></shape><bsdf id=\"green\" type=\"diffuse\"/>",
+            "\n\n<shape type=\"cube\"><ref id=\"grean\"/></shape>\
+             <bsdf id=\"green\" type=\"diffuse\"/>",
             "line 5: there is no element with the id `grean`",
             "`green`",
         ),
@@ -328,12 +336,14 @@ fn mistakes_are_one_line_with_their_line() {
             "<rotate>",
         ),
         (
-            "<shape type=\"cube\"><transform name=\"to_world\"><scale value=\"0\"/></transform></shape>",
+            "<shape type=\"cube\"><transform name=\"to_world\"><scale value=\"0\"/></transform>\
+             </shape>",
             "`to_world` flattens space",
             "",
         ),
         (
-            "<shape type=\"cube\"><transform name=\"to_world\"><matrix value=\"1 2\"/></transform></shape>",
+            "<shape type=\"cube\"><transform name=\"to_world\"><matrix value=\"1 2\"/></transform>\
+             </shape>",
             "9 or 16 numbers, found 2",
             "",
         ),
@@ -423,7 +433,8 @@ fn masks_say_where_surfaces_are_there() {
     let leaf = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.2 0.6 0.1"/></bsdf>"#;
     let masked = |opacity: &str| {
         format!(
-            "<shape type=\"rectangle\" id=\"leaf\"><bsdf type=\"twosided\"><bsdf type=\"mask\">{opacity}{leaf}</bsdf></bsdf></shape>"
+            "<shape type=\"rectangle\" id=\"leaf\"><bsdf type=\"twosided\">\
+             <bsdf type=\"mask\">{opacity}{leaf}</bsdf></bsdf></shape>"
         )
     };
     let load = |opacity: &str| {
@@ -522,7 +533,8 @@ fn textures_lie_as_in_mitsuba() {
         image::Rgb([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255; 3]][(2 * y + x) as usize])
     });
     let texture = "<bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\">\
-        <string name=\"filename\" value=\"a.png\"/><transform name=\"to_uv\"><scale x=\"0.5\" y=\"1\"/></transform></texture></bsdf>";
+        <string name=\"filename\" value=\"a.png\"/><transform name=\"to_uv\">\
+        <scale x=\"0.5\" y=\"1\"/></transform></texture></bsdf>";
     let folder = folder(&format!(
         "<scene version=\"3.0.0\"><shape type=\"rectangle\">{texture}</shape>\
          <shape type=\"obj\"><string name=\"filename\" value=\"a.obj\"/>{texture}</shape></scene>"
@@ -572,8 +584,9 @@ fn skies_are_turned_as_the_file_says() {
         ),
     ] {
         let folder = folder(&format!(
-            "<scene version=\"3.0.0\"><shape type=\"rectangle\"/><emitter type=\"envmap\"><float name=\"scale\" value=\"2\"/>\
-             <string name=\"filename\" value=\"a.hdr\"/><transform name=\"to_world\">{turn}</transform></emitter></scene>"
+            "<scene version=\"3.0.0\"><shape type=\"rectangle\"/><emitter type=\"envmap\">\
+             <float name=\"scale\" value=\"2\"/><string name=\"filename\" value=\"a.hdr\"/>\
+             <transform name=\"to_world\">{turn}</transform></emitter></scene>"
         ));
         fs::write(folder.path("a.hdr"), &hdr).unwrap();
         let scene = Scene::load(&folder.path("a.xml")).unwrap();

@@ -99,7 +99,8 @@ fn nrrd(dims: [usize; 3], place: Place) -> String {
     let [x, y, z, first] = place.text(",");
     format!(
         "NRRD0004\ntype: float\ndimension: 3\nspace: left-posterior-superior\nsizes: {}\n\
-         space directions: ({x}) ({y}) ({z})\nspace origin: ({first})\nendian: little\nencoding: raw\n",
+         space directions: ({x}) ({y}) ({z})\nspace origin: ({first})\nendian: little\n\
+         encoding: raw\n",
         dims.map(|n| n.to_string()).join(" "),
     )
 }
@@ -324,7 +325,8 @@ fn tissues_of_one_file_read_it_once() {
     let file = bytes([2, 2, 2], &[0, 10, 20, 30, 40, 50, 60, 70]);
     let tissue = |curve: &str, albedo: f32| {
         format!(
-            "[[volume]]\nfile = \"a.nrrd\"\nsigma_t_scale = 1\nalbedo = [{albedo}, 0.5, 0.5]\ncurve = {curve}\n"
+            "[[volume]]\nfile = \"a.nrrd\"\nsigma_t_scale = 1\nalbedo = [{albedo}, 0.5, 0.5]\n\
+             curve = {curve}\n"
         )
     };
     let (skin, bone) = ("[[0, 0], [20, 1], [40, 0]]", "[[20, 0], [40, 3]]");

@@ -32,9 +32,9 @@ fn ply(normals: bool) -> Vec<u8> {
         false => ("", ""),
     };
     format!(
-        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-         {keys}element face 1\nproperty list uchar int vertex_indices\nend_header\n\
-         0 0 0 {normal}\n2 0 0 {normal}\n0 1 0 {normal}\n3 0 1 2\n"
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+         property float z\n{keys}element face 1\nproperty list uchar int vertex_indices\n\
+         end_header\n0 0 0 {normal}\n2 0 0 {normal}\n0 1 0 {normal}\n3 0 1 2\n"
     )
     .into_bytes()
 }

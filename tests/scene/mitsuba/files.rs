@@ -116,8 +116,8 @@ fn a_bitmap_is_the_radiance_of_a_light_on_a_shape() {
         image::RgbImage::from_fn(2, 2, |x, y| image::Rgb([255 * x as u8, 255 * y as u8, 255]));
     let light = |radiance: &str, bsdf: &str| {
         let scene = format!(
-            "<scene version=\"3.0.0\"><shape type=\"rectangle\">{bsdf}<emitter type=\"area\">{radiance}</emitter>\
-             </shape></scene>"
+            "<scene version=\"3.0.0\"><shape type=\"rectangle\">{bsdf}\
+             <emitter type=\"area\">{radiance}</emitter></shape></scene>"
         );
         let folder = folder(&scene);
         image.save(folder.path("m.png")).unwrap();
@@ -125,7 +125,8 @@ fn a_bitmap_is_the_radiance_of_a_light_on_a_shape() {
     };
     let bitmap = |name: &str, more: &str| {
         format!(
-            "<texture type=\"bitmap\" name=\"{name}\"><string name=\"filename\" value=\"m.png\"/>{more}</texture>"
+            "<texture type=\"bitmap\" name=\"{name}\">\
+             <string name=\"filename\" value=\"m.png\"/>{more}</texture>"
         )
     };
     let scene = light(&bitmap("radiance", ""), "");
