@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 /// A closed room whose walls have an albedo and emit 1, seen from inside.
 pub fn closed_room(albedo: f64) -> String {
     let mut text = String::from(
-        "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.05, 0.4]\ntarget = [0, 0, 0]\n\
-         fov_x_deg = 90\n",
+        "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.05, 0.4]\n\
+         target = [0, 0, 0]\nfov_x_deg = 90\n",
     );
     let walls = [
         ([0, 0, 0], [0.0, -0.5, 0.0]),
@@ -28,8 +28,9 @@ pub fn closed_room(albedo: f64) -> String {
     ];
     for (rotate, translate) in walls {
         text += &format!(
-            "[[mesh]]\nfile = \"builtin:quad\"\nscale = 1\nrotate_deg = {rotate:?}\ntranslate = {translate:?}\n\
-             albedo = [{albedo}, {albedo}, {albedo}]\nemission = [1, 1, 1]\n"
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = 1\nrotate_deg = {rotate:?}\n\
+             translate = {translate:?}\nalbedo = [{albedo}, {albedo}, {albedo}]\n\
+             emission = [1, 1, 1]\n"
         );
     }
     text
@@ -110,15 +111,17 @@ fn smoke_that_takes_nothing_may_fill_a_closed_room() {
 fn volumes_on_one_grid_light_each_other() {
     let picture = |parts: &[(f32, f32)]| {
         let mut text = String::from(
-            "[film]\nwidth = 24\nheight = 18\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
-             fov_x_deg = 24\n[[light]]\ntype = \"directional\"\ndirection = [0.2, -1, 0.3]\n\
-             irradiance = [3, 3, 3]\n",
+            "[film]\nwidth = 24\nheight = 18\n[[camera]]\nposition = [0, 0, 3]\n\
+             target = [0, 0, 0]\nfov_x_deg = 24\n[[light]]\ntype = \"directional\"\n\
+             direction = [0.2, -1, 0.3]\nirradiance = [3, 3, 3]\n",
         );
         for (sigma_t, albedo) in parts {
             text += &format!(
                 "[[volume]]\nfile = \"full.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
-                 value_scale = 0.004\nsigma_t_scale = {sigma_t}\nalbedo = [{albedo}, {albedo}, {albedo}]\n\
-                 unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n"
+                 value_scale = 0.004\nsigma_t_scale = {sigma_t}\n\
+                 albedo = [{albedo}, {albedo}, {albedo}]\n\
+                 unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], \
+                 [0, 0, 0, 1]]\n"
             );
         }
         let work = Work::new(&text);
@@ -146,9 +149,10 @@ fn parts_of_a_cloud_that_lie_side_by_side_are_told() {
         );
         for (i, offset) in offsets.iter().enumerate() {
             text += &format!(
-                "[[volume]]\nname = \"part {i}\"\nfile = \"full.raw\"\ndims = [8, 8, 8]\ndtype = \"u8\"\n\
-                 value_scale = 0.004\nsigma_t_scale = 2\nalbedo = [0.8, 0.8, 0.8]\n\
-                 unitcube_to_world = [[1, 0, 0, {offset}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+                "[[volume]]\nname = \"part {i}\"\nfile = \"full.raw\"\ndims = [8, 8, 8]\n\
+                 dtype = \"u8\"\nvalue_scale = 0.004\nsigma_t_scale = 2\nalbedo = [0.8, 0.8, 0.8]\n\
+                 unitcube_to_world = [[1, 0, 0, {offset}], [0, 1, 0, 0], [0, 0, 1, 0], \
+                 [0, 0, 0, 1]]\n"
             );
         }
         let work = Work::new(&text);
@@ -176,8 +180,9 @@ fn parts_of_a_cloud_that_lie_side_by_side_are_told() {
 /// A convex body under a sky sends all of its light away: there is nothing to bounce.
 #[test]
 fn a_sky_is_reflected_once() {
-    let text = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [2, 1.5, 3]\ntarget = [0, 0, 0]\n\
-                fov_x_deg = 40\n[[mesh]]\nfile = \"builtin:cube\"\nalbedo = [0.5, 0.6, 0.7]\n\
+    let text = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [2, 1.5, 3]\n\
+                target = [0, 0, 0]\nfov_x_deg = 40\n[[mesh]]\nfile = \"builtin:cube\"\n\
+                albedo = [0.5, 0.6, 0.7]\n\
                 [[light]]\ntype = \"environment\"\nradiance = [2, 1, 0.5]\n";
     let work = Work::new(text);
     let scene = work.scene();
@@ -227,7 +232,8 @@ fn media_are_as_bright_behind_a_hard_edge_as_paths_say() {
              irradiance = [{0}, {0}, {0}]\n\
              [[volume]]\nfile = \"smoke.raw\"\ndims = [24, 24, 24]\ndtype = \"u8\"\n\
              sigma_t_scale = {sigma_t}\nalbedo = [0.9, 0.9, 0.9]\n\
-             unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n",
+             unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], \
+             [0, 0, 0, 1]]\n",
             std::f32::consts::PI
         );
         let work = Work::new(&text);

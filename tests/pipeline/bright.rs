@@ -11,8 +11,10 @@ use std::fmt::Write;
 /// that is turned by an angle.
 fn skylight(turned: f64) -> String {
     let mut text = format!(
-        "[film]\nwidth = 64\nheight = 48\n[[camera]]\nposition = [0, 1, 0.9]\ntarget = [{}, 0.9, -1]\nfov_x_deg = 70\n\
-         [[light]]\ntype = \"directional\"\ndirection = [-0.3, -1, -0.1]\nirradiance = [60, 55, 45]\n",
+        "[film]\nwidth = 64\nheight = 48\n[[camera]]\nposition = [0, 1, 0.9]\n\
+         target = [{}, 0.9, -1]\nfov_x_deg = 70\n\
+         [[light]]\ntype = \"directional\"\ndirection = [-0.3, -1, -0.1]\n\
+         irradiance = [60, 55, 45]\n",
         1.9 * turned
     );
     let walls = [
@@ -29,8 +31,8 @@ fn skylight(turned: f64) -> String {
     for (scale, rotate, translate) in walls {
         writeln!(
             text,
-            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale}\nrotate_deg = {rotate}\ntranslate = {translate}\n\
-             albedo = [0.5, 0.5, 0.5]"
+            "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale}\nrotate_deg = {rotate}\n\
+             translate = {translate}\nalbedo = [0.5, 0.5, 0.5]"
         )
         .unwrap();
     }
@@ -165,9 +167,10 @@ fn light_that_comes_from_all_around_or_through_media_is_met_by_rays() {
     const SUN: &str =
         "type = \"directional\"\ndirection = [-0.3, -1, -0.1]\nirradiance = [60, 55, 45]\n";
     const POINT: &str = "type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
-    const MIST: &str = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 0.001\nvalue_scale = 0.00392156862745098\n\
-                        unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, 0.3], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n\
-                        albedo = [0.8, 0.8, 0.8]\n";
+    const MIST: &str = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+                        sigma_t_scale = 0.001\nvalue_scale = 0.00392156862745098\n\
+                        unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, 0.3], [0, 0, 1, -0.5], \
+                        [0, 0, 0, 1]]\nalbedo = [0.8, 0.8, 0.8]\n";
     let sun = skylight(0.0);
     for (text, is_asked) in [
         (sun.replace(SUN, POINT), false),

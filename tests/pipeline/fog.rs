@@ -9,8 +9,8 @@ use lvox::shade::Settings;
 /// A `builtin:quad` of a diffuse grey, upwards before it is turned.
 fn quad(scale: [f64; 3], rotate: [i32; 3], at: [f64; 3]) -> String {
     format!(
-        "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale:?}\nrotate_deg = {rotate:?}\ntranslate = {at:?}\n\
-         albedo = [0.5, 0.5, 0.5]\n"
+        "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale:?}\nrotate_deg = {rotate:?}\n\
+         translate = {at:?}\nalbedo = [0.5, 0.5, 0.5]\n"
     )
 }
 
@@ -46,7 +46,8 @@ fn seen(text: &str, camera: Option<&str>, dims: [usize; 3], fog: [DVec3; 2]) -> 
 #[test]
 fn shafts_of_light_do_not_depend_on_voxels() {
     let mut text = String::from(
-        "[film]\nwidth = 192\nheight = 144\n[[camera]]\nposition = [0, 0.6, 3.2]\ntarget = [0, 0.6, 0]\nfov_x_deg = 45\n\
+        "[film]\nwidth = 192\nheight = 144\n[[camera]]\nposition = [0, 0.6, 3.2]\n\
+         target = [0, 0.6, 0]\nfov_x_deg = 45\n\
          [[light]]\ntype = \"directional\"\ndirection = [0.3, -1, 0]\nirradiance = [3, 3, 3]\n",
     );
     text += &quad([4.0, 1.0, 2.0], [0; 3], [0.0; 3]);
@@ -66,9 +67,10 @@ fn shafts_of_light_do_not_depend_on_voxels() {
 #[test]
 fn beams_light_what_is_around_them_whatever_voxels_are() {
     let mut text = String::from(
-        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = [0, 1, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 45\n\
-         [[light]]\ntype = \"spot\"\nposition = [-2, 0.44, 0.2]\ndirection = [1, 0, 0]\nintensity = [9, 9, 9]\n\
-         inner_deg = 3\nouter_deg = 5\n",
+        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = [0, 1, 3]\ntarget = [0, 0, 0]\n\
+         fov_x_deg = 45\n\
+         [[light]]\ntype = \"spot\"\nposition = [-2, 0.44, 0.2]\ndirection = [1, 0, 0]\n\
+         intensity = [9, 9, 9]\ninner_deg = 3\nouter_deg = 5\n",
     );
     text += &quad([3.0, 1.0, 2.0], [0; 3], [0.0; 3]);
     let fog = [DVec3::new(-1.6, -0.12, -1.0), DVec3::new(1.6, 1.0, 1.0)];
@@ -81,9 +83,10 @@ fn beams_light_what_is_around_them_whatever_voxels_are() {
 #[test]
 fn a_spot_of_light_on_a_floor_lights_fog_near_it_alone() {
     let mut text = String::from(
-        "[film]\nwidth = 96\nheight = 72\n[[camera]]\nposition = [0, 1.4, 5]\ntarget = [0, 1, 0]\nfov_x_deg = 45\n\
-         [[light]]\ntype = \"spot\"\nposition = [0, 1.1, 0]\ndirection = [0, -1, 0.2]\nintensity = [3, 3, 3]\n\
-         inner_deg = 20\nouter_deg = 40\n",
+        "[film]\nwidth = 96\nheight = 72\n[[camera]]\nposition = [0, 1.4, 5]\ntarget = [0, 1, 0]\n\
+         fov_x_deg = 45\n\
+         [[light]]\ntype = \"spot\"\nposition = [0, 1.1, 0]\ndirection = [0, -1, 0.2]\n\
+         intensity = [3, 3, 3]\ninner_deg = 20\nouter_deg = 40\n",
     );
     text += &quad([8.0, 1.0, 8.0], [0; 3], [0.0; 3]);
     let work = Work::new(&text);
@@ -103,7 +106,8 @@ fn walls_keep_light_of_fog_out_of_a_dark_room() {
     for (name, side) in [("dark", -1.0), ("bright", 1.0)] {
         let (position, target) = ([0.95 * side, 0.5, 0.9], [0.2 * side, 0.4, 0.1]);
         text += &format!(
-            "[[camera]]\nname = \"{name}\"\nposition = {position:?}\ntarget = {target:?}\nfov_x_deg = 80\n"
+            "[[camera]]\nname = \"{name}\"\nposition = {position:?}\ntarget = {target:?}\n\
+             fov_x_deg = 80\n"
         );
     }
     for x in [-0.5, 0.5] {

@@ -14,8 +14,8 @@ use std::fs;
 /// A room at x = 1000, the middle of its floor there, and what is added.
 fn room(added: &str) -> String {
     let mut text = String::from(
-        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = [1000, 1, 3.9]\ntarget = [1000, 1, 0]\n\
-         fov_x_deg = 40\n",
+        "[film]\nwidth = 48\nheight = 36\n[[camera]]\nposition = [1000, 1, 3.9]\n\
+         target = [1000, 1, 0]\nfov_x_deg = 40\n",
     );
     for (file, scale, turn, at, albedo, emission) in [
         ("quad", "2", "[0, 0, 0]", "[1000, 0, 0]", 0.7, 0.0),
@@ -27,8 +27,9 @@ fn room(added: &str) -> String {
     ] {
         let _ = writeln!(
             text,
-            "[[mesh]]\nfile = \"builtin:{file}\"\nscale = {scale}\nrotate_deg = {turn}\ntranslate = {at}\n\
-             albedo = [{albedo}, {albedo}, {albedo}]\nemission = [{emission}, {emission}, {emission}]"
+            "[[mesh]]\nfile = \"builtin:{file}\"\nscale = {scale}\nrotate_deg = {turn}\n\
+             translate = {at}\nalbedo = [{albedo}, {albedo}, {albedo}]\n\
+             emission = [{emission}, {emission}, {emission}]"
         );
     }
     text + added

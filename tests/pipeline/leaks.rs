@@ -10,8 +10,8 @@ use lvox::shade::{Quality, Settings};
 /// A `builtin:quad` of a diffuse grey.
 fn quad(scale: [f64; 3], rotate: [i32; 3], at: [f64; 3]) -> String {
     format!(
-        "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale:?}\nrotate_deg = {rotate:?}\ntranslate = {at:?}\n\
-         albedo = [0.8, 0.8, 0.8]\n"
+        "[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale:?}\nrotate_deg = {rotate:?}\n\
+         translate = {at:?}\nalbedo = [0.8, 0.8, 0.8]\n"
     )
 }
 
@@ -23,9 +23,10 @@ const LIGHT: &str =
 /// ceiling and two walls are one piece for both rooms, or end at what divides them.
 fn rooms(between: &str, is_floor_shared: bool) -> String {
     let mut text = String::from(
-        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = [-0.95, 0.5, 0.9]\n\
-         target = [-0.2, 0.4, 0.1]\nfov_x_deg = 80\n[[camera]]\nname = \"bright\"\nposition = [0.95, 0.5, 0.9]\n\
-         target = [0.2, 0.4, 0.1]\nfov_x_deg = 80\n",
+        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\n\
+         position = [-0.95, 0.5, 0.9]\ntarget = [-0.2, 0.4, 0.1]\nfov_x_deg = 80\n\
+         [[camera]]\nname = \"bright\"\nposition = [0.95, 0.5, 0.9]\ntarget = [0.2, 0.4, 0.1]\n\
+         fov_x_deg = 80\n",
     );
     let lengths: &[(f64, f64)] = if is_floor_shared {
         &[(0.0, 2.0)]
@@ -49,9 +50,9 @@ fn rooms(between: &str, is_floor_shared: bool) -> String {
 fn boxes(dark: &[[f64; 3]]) -> String {
     let [x, y, z] = dark[0];
     let mut text = format!(
-        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = {:?}\ntarget = {:?}\n\
-         fov_x_deg = 90\n[[camera]]\nname = \"bright\"\nposition = [0.95, 0.4, 0.9]\ntarget = [0.2, 0.4, 0.1]\n\
-         fov_x_deg = 90\n",
+        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = {:?}\n\
+         target = {:?}\nfov_x_deg = 90\n[[camera]]\nname = \"bright\"\n\
+         position = [0.95, 0.4, 0.9]\ntarget = [0.2, 0.4, 0.1]\nfov_x_deg = 90\n",
         [x + 0.05, y + 0.4, z + 0.05],
         [x + 0.95, y + 0.45, z + 0.95]
     );
@@ -70,13 +71,13 @@ fn boxes(dark: &[[f64; 3]]) -> String {
 /// A wall of this thickness.
 fn wall(thickness: f64) -> String {
     format!(
-        "[[mesh]]\nfile = \"builtin:cube\"\nscale = [{thickness}, 1, 1]\ntranslate = [0, 0.5, 0.5]\n\
-         albedo = [0.8, 0.8, 0.8]\n"
+        "[[mesh]]\nfile = \"builtin:cube\"\nscale = [{thickness}, 1, 1]\n\
+         translate = [0, 0.5, 0.5]\nalbedo = [0.8, 0.8, 0.8]\n"
     )
 }
 
-const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\ntranslate = [0, 0.5, 0.5]\n\
-                     albedo = [0.8, 0.8, 0.8]\n";
+const SHEET: &str = "[[mesh]]\nfile = \"builtin:quad\"\nrotate_deg = [0, 0, 90]\n\
+                     translate = [0, 0.5, 0.5]\nalbedo = [0.8, 0.8, 0.8]\n";
 /// Mean and brightest indirect light of the dark room, over the mean of the bright one, on average
 /// over seeds: which rays find a slit is chance, and the brightest value of one seed is up to twice
 /// that.
@@ -198,14 +199,16 @@ fn rooms_that_meet_in_an_edge_or_a_corner_keep_dark() {
 /// camera "dark" looks at walls and at the largest sphere from outside.
 fn shells(diameters: &[f64]) -> String {
     let mut text = String::from(
-        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\nposition = [0.05, 0.4, 0.05]\n\
-         target = [0.95, 0.6, 0.95]\nfov_x_deg = 90\n[[camera]]\nname = \"bright\"\nposition = [0.5, 0.8, 0.58]\n\
-         target = [0.5, 0.8, 0.4]\nfov_x_deg = 60\n[[mesh]]\nfile = \"builtin:cube\"\ntranslate = [0.5, 0.5, 0.5]\n\
+        "[film]\nwidth = 48\nheight = 48\n[[camera]]\nname = \"dark\"\n\
+         position = [0.05, 0.4, 0.05]\ntarget = [0.95, 0.6, 0.95]\nfov_x_deg = 90\n\
+         [[camera]]\nname = \"bright\"\nposition = [0.5, 0.8, 0.58]\ntarget = [0.5, 0.8, 0.4]\n\
+         fov_x_deg = 60\n[[mesh]]\nfile = \"builtin:cube\"\ntranslate = [0.5, 0.5, 0.5]\n\
          albedo = [0.8, 0.8, 0.8]\n",
     );
     for diameter in diameters {
         text += &format!(
-            "[[mesh]]\nfile = \"builtin:sphere\"\nscale = {diameter}\ntranslate = [0.5, 0.8, 0.5]\nalbedo = [0.8, 0.8, 0.8]\n"
+            "[[mesh]]\nfile = \"builtin:sphere\"\nscale = {diameter}\ntranslate = [0.5, 0.8, 0.5]\n\
+             albedo = [0.8, 0.8, 0.8]\n"
         );
     }
     text + LIGHT

@@ -35,8 +35,8 @@ direction = [0, -1, 0]
 irradiance = [3.14159265, 3.14159265, 3.14159265]
 "#;
 
-const SQUARE: &str = "v -0.5 0 -0.5\nv -0.5 0 0.5\nv 0.5 0 0.5\nv 0.5 0 -0.5\nvt 0 0\nvt 0 1\nvt 1 1\nvt 1 0\n\
-                      f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
+const SQUARE: &str = "v -0.5 0 -0.5\nv -0.5 0 0.5\nv 0.5 0 0.5\nv 0.5 0 -0.5\nvt 0 0\nvt 0 1\n\
+                      vt 1 1\nvt 1 0\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
 
 /// Eight by eight checks, every other one clear.
 fn checks() -> image::RgbaImage {

@@ -57,8 +57,8 @@ fn an_obj_of_many_triangles() {
 #[test]
 fn a_ply_of_many_triangles() {
     refused("[[mesh]]\nfile = \"a.ply\"\n", "the mesh", |work| {
-        let head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\nelement face 4\n\
-                    property list uint uchar vertex_indices\nend_header\n";
+        let head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\n\
+                    element face 4\nproperty list uint uchar vertex_indices\nend_header\n";
         let corners = 10_u32 << 20;
         let face = [&corners.to_le_bytes()[..], &vec![0; corners as usize]].concat();
         let file = [head.as_bytes(), &[0], &face.repeat(4)].concat();

@@ -161,8 +161,9 @@ fn dark_backs_of_walls_are_not_taken_for_places_without_surfels() {
         )
     };
     let text = String::from(
-        "[film]\nwidth = 32\nheight = 24\n[[camera]]\nposition = [-2.5, 1.5, -2.5]\ntarget = [0, 1, 0]\n\
-         fov_x_deg = 60\n[[light]]\ntype = \"directional\"\ndirection = [-1, -1.5, -1]\nirradiance = [3, 3, 3]\n",
+        "[film]\nwidth = 32\nheight = 24\n[[camera]]\nposition = [-2.5, 1.5, -2.5]\n\
+         target = [0, 1, 0]\nfov_x_deg = 60\n[[light]]\ntype = \"directional\"\n\
+         direction = [-1, -1.5, -1]\nirradiance = [3, 3, 3]\n",
     ) + &quad(6.0, "")
         + &quad(2.0, "rotate_deg = [90, 0, 0]\ntranslate = [0, 1, -1]")
         + &quad(2.0, "rotate_deg = [0, 0, -90]\ntranslate = [-1, 1, 0]");
@@ -253,7 +254,8 @@ fn volumes_of_more_blocks_than_can_be_numbered_are_refused() {
 fn surfels_that_floats_cannot_hold_are_no_fault_of_a_file() {
     let quad = |scale: &str, light: &str| {
         format!(
-            "[[camera]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n[[mesh]]\nfile = \"builtin:quad\"\nscale = {scale}\n\
+            "[[camera]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n\
+             [[mesh]]\nfile = \"builtin:quad\"\nscale = {scale}\n\
              [[light]]\n{light}\n"
         )
     };
@@ -354,8 +356,8 @@ fn the_tree_of_another_scene_is_used_with_a_warning() {
         ("sigma_t_scale = 6", "sigma_t_scale = 5", "volumes"),
         (
             "[[volume]]",
-            "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\n[[mesh]]\nfile = \"builtin:cube\"\n\
-             translate = [0, 5, 0]\n[[volume]]",
+            "[[light]]\ntype = \"environment\"\nradiance = [1, 1, 1]\n\
+             [[mesh]]\nfile = \"builtin:cube\"\ntranslate = [0, 5, 0]\n[[volume]]",
             "surfaces, materials and lights",
         ),
     ] {

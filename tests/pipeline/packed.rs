@@ -67,8 +67,8 @@ emission = {{ kelvin = 1800, scale = 20 }}
     )
 }
 
-const PICTURE: &str = "v -0.4 -0.3 0\nv 0.4 -0.3 0\nv 0.4 0.3 0\nv -0.4 0.3 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
-                       vn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1\n";
+const PICTURE: &str = "v -0.4 -0.3 0\nv 0.4 -0.3 0\nv 0.4 0.3 0\nv -0.4 0.3 0\nvt 0 0\nvt 1 0\n\
+                       vt 1 1\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1\n";
 
 pub fn work() -> Work {
     let work = Work::new(&scene());

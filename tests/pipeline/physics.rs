@@ -24,10 +24,14 @@ fn film(side: u32) -> String {
 /// A homogeneous cube of edge 1 around the origin.
 fn fog(sigma_t: f64, albedo: f64) -> String {
     format!(
-        "[[volume]]\nfile = \"fog.nrrd\"\nsigma_t_scale = {sigma_t}\nalbedo = [{albedo}, {albedo}, {albedo}]\n\
+        "[[volume]]\nfile = \"fog.nrrd\"\nsigma_t_scale = {sigma_t}\n\
+         albedo = [{albedo}, {albedo}, {albedo}]\n\
          unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n"
     )
-    .replace("file = \"fog.nrrd\"", "file = \"smoke.raw\"\ndims = [1, 1, 1]\ndtype = \"u8\"")
+    .replace(
+        "file = \"fog.nrrd\"",
+        "file = \"smoke.raw\"\ndims = [1, 1, 1]\ndtype = \"u8\"",
+    )
 }
 
 const ENVIRONMENT: &str = "[[light]]\ntype = \"environment\"\nradiance = [2, 1, 0.5]\n";
@@ -36,9 +40,10 @@ const ENVIRONMENT: &str = "[[light]]\ntype = \"environment\"\nradiance = [2, 1, 
 fn an_emitter_seen_from_behind_is_dark() {
     for (rotate, expected) in [(90, 3.0), (-90, 0.0)] {
         let text = format!(
-            "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 10\n\
-             [[mesh]]\nfile = \"builtin:quad\"\nscale = 4\nrotate_deg = [{rotate}, 0, 0]\nalbedo = [0, 0, 0]\n\
-             emission = [3, 3, 3]\n"
+            "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+             fov_x_deg = 10\n\
+             [[mesh]]\nfile = \"builtin:quad\"\nscale = 4\nrotate_deg = [{rotate}, 0, 0]\n\
+             albedo = [0, 0, 0]\nemission = [3, 3, 3]\n"
         );
         // Samples of each pixel's own, and of its corners.
         for pixel_samples in [8, 1] {
@@ -59,12 +64,14 @@ fn an_emitter_seen_from_behind_is_dark() {
 fn emitters_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     // The film is 2 x 2 at the distance of the emitters, in 8 x 8 pixels.
     let mut text = String::from(
-        "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\nfov_x_deg = 90\n",
+        "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n\
+         fov_x_deg = 90\n",
     );
     let mut add = |at: [f32; 3], size: f32, emission: f32| {
         text += &format!(
             "[[mesh]]\nfile = \"builtin:quad\"\nscale = {size}\nrotate_deg = [90, 0, 0]\n\
-             translate = [{}, {}, {}]\nalbedo = [0, 0, 0]\nemission = [{emission}, {emission}, {emission}]\n",
+             translate = [{}, {}, {}]\nalbedo = [0, 0, 0]\n\
+             emission = [{emission}, {emission}, {emission}]\n",
             at[0], at[1], at[2]
         );
     };
@@ -80,8 +87,8 @@ fn emitters_smaller_than_a_pixel_are_seen_by_what_they_cover() {
     add([-0.55, -0.55, 0.0], 0.43, 2.0);
     let open = 5.0 * side * side * 100.0 + 0.43 * 0.43 * 2.0;
     let board = text.clone()
-        + "[[mesh]]\nfile = \"builtin:quad\"\nscale = 0.5\nrotate_deg = [90, 0, 0]\ntranslate = [-0.39, 0.2225, 0.5]\n\
-           albedo = [0, 0, 0]\n";
+        + "[[mesh]]\nfile = \"builtin:quad\"\nscale = 0.5\nrotate_deg = [90, 0, 0]\n\
+           translate = [-0.39, 0.2225, 0.5]\nalbedo = [0, 0, 0]\n";
     // Over the plane of the emitters it hides what is left of x = -0.28 and above y = -0.055: two
     // emitters.
     let hidden = open - 2.0 * side * side * 100.0;
@@ -105,9 +112,9 @@ fn emitters_smaller_than_a_pixel_are_seen_by_what_they_cover() {
 fn a_wide_emitter_below_the_camera_is_even() {
     for size in [4e4, 4e6] {
         let text = format!(
-            "[film]\nwidth = 8\nheight = 64\n[[camera]]\nposition = [0, 1, 0]\ntarget = [0, 1, -1]\n\
-             fov_x_deg = 20\n[[mesh]]\nfile = \"builtin:quad\"\nscale = {size}\nalbedo = [0, 0, 0]\n\
-             emission = [5, 5, 5]\n"
+            "[film]\nwidth = 8\nheight = 64\n[[camera]]\nposition = [0, 1, 0]\n\
+             target = [0, 1, -1]\nfov_x_deg = 20\n[[mesh]]\nfile = \"builtin:quad\"\n\
+             scale = {size}\nalbedo = [0, 0, 0]\nemission = [5, 5, 5]\n"
         );
         for pixel_samples in [8, 1] {
             let settings = Settings {
@@ -145,7 +152,8 @@ fn walls_and_media_beyond_max_dist_hide_the_environment() {
         kernel,
         ..near.clone()
     });
-    let inside = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0.2, 0.1, 0.9]\ntarget = [0, 0, 0]\n";
+    let inside = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0.2, 0.1, 0.9]\n\
+                  target = [0, 0, 0]\n";
     let cube = "[[mesh]]\nfile = \"builtin:cube\"\nscale = 2\nalbedo = [0.5, 0.5, 0.5]\n";
     for settings in &kernels {
         let found = gathered(&format!("{inside}{WHITE}{cube}"), settings);
@@ -153,9 +161,9 @@ fn walls_and_media_beyond_max_dist_hide_the_environment() {
     }
     // A floor that sees nothing but the environment, straight and through a medium that is further
     // away.
-    let above = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0.4, 0]\ntarget = [0, 0, 0]\n\
-                 up = [0, 0, -1]\nfov_x_deg = 20\n[[mesh]]\nfile = \"builtin:quad\"\nscale = 2\n\
-                 albedo = [0.5, 0.5, 0.5]\n";
+    let above = "[film]\nwidth = 8\nheight = 8\n[[camera]]\nposition = [0, 0.4, 0]\n\
+                 target = [0, 0, 0]\nup = [0, 0, -1]\nfov_x_deg = 20\n\
+                 [[mesh]]\nfile = \"builtin:quad\"\nscale = 2\nalbedo = [0.5, 0.5, 0.5]\n";
     let slab = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
                 value_scale = 0.0039\nsigma_t_scale = 1.5\nalbedo = [0, 0, 0]\n\
                 unitcube_to_world = [[8, 0, 0, -4], [0, 1, 0, 0.5], [0, 0, 8, -4], [0, 0, 0, 1]]\n";
@@ -282,7 +290,8 @@ fn sunlight_in_a_medium_falls_exponentially() {
     let sigma_t = 10.9;
     let text = format!(
         "[film]\nwidth = 64\nheight = 4\n[[camera]]\nposition = [0, 0, 100]\ntarget = [0, 0, 0]\n\
-         fov_x_deg = 0.5729\n[[light]]\ntype = \"directional\"\ndirection = [1, 0, 0]\nirradiance = [1, 1, 1]\n{}",
+         fov_x_deg = 0.5729\n[[light]]\ntype = \"directional\"\ndirection = [1, 0, 0]\n\
+         irradiance = [1, 1, 1]\n{}",
         fog(sigma_t, 1.0).replace("dims = [1, 1, 1]", "dims = [32, 32, 32]")
     );
     let work = crate::Work::new(&text);
@@ -313,8 +322,9 @@ fn a_medium_shows_the_beam_of_a_spot_light() {
     let (side, sigma_t) = (64, 1e-3);
     for (dims, inner, outer) in [(4, 4.0_f64, 6.0_f64), (32, 4.0, 6.0), (16, 17.0, 20.0)] {
         let text = format!(
-            "[film]\nwidth = {side}\nheight = {side}\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
-             fov_x_deg = 22\n[[light]]\ntype = \"spot\"\nposition = [0.1, 0.9, 0.05]\ndirection = [0, -1, 0]\n\
+            "[film]\nwidth = {side}\nheight = {side}\n\
+             [[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 22\n\
+             [[light]]\ntype = \"spot\"\nposition = [0.1, 0.9, 0.05]\ndirection = [0, -1, 0]\n\
              intensity = [1, 1, 1]\ninner_deg = {inner}\nouter_deg = {outer}\n{}",
             fog(sigma_t, 1.0).replace(
                 "dims = [1, 1, 1]",
@@ -392,12 +402,13 @@ fn an_environment_lights_media_whatever_the_method() {
 fn a_floor_under_the_sun_lights_what_faces_it() {
     // Light of 2 falls at 45 degrees onto a floor of 10 x 10 and albedo 0.5. A small tile above its
     // middle looks down at it; its shadow is elsewhere and takes away 0.3 %.
-    let text = "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.2, 0.1]\ntarget = [0, 1, 0]\n\
-                fov_x_deg = 8\n\
+    let text = "[film]\nwidth = 16\nheight = 16\n[[camera]]\nposition = [0.1, 0.2, 0.1]\n\
+                target = [0, 1, 0]\nfov_x_deg = 8\n\
                 [[mesh]]\nfile = \"builtin:quad\"\nscale = 10\nalbedo = [0.5, 0.5, 0.5]\n\
-                [[mesh]]\nfile = \"builtin:quad\"\nscale = 0.2\nrotate_deg = [180, 0, 0]\ntranslate = [0, 1, 0]\n\
-                albedo = [0.8, 0.8, 0.8]\n\
-                [[light]]\ntype = \"directional\"\ndirection = [1, -1, 0]\nirradiance = [2, 2, 2]\n";
+                [[mesh]]\nfile = \"builtin:quad\"\nscale = 0.2\nrotate_deg = [180, 0, 0]\n\
+                translate = [0, 1, 0]\nalbedo = [0.8, 0.8, 0.8]\n\
+                [[light]]\ntype = \"directional\"\ndirection = [1, -1, 0]\n\
+                irradiance = [2, 2, 2]\n";
     let settings = Settings {
         samples: 256,
         ..quick()
@@ -416,10 +427,10 @@ fn a_floor_under_the_sun_lights_what_faces_it() {
 
 #[test]
 fn a_point_light_follows_the_inverse_square() {
-    let text = "[film]\nwidth = 1\nheight = 1\n[[camera]]\nposition = [0, 3, 0]\ntarget = [0, 0, 0]\n\
-                up = [0, 0, 1]\nfov_x_deg = 0.01\n[[mesh]]\nfile = \"builtin:quad\"\nscale = 2\n\
-                albedo = [0.5, 0.5, 0.5]\n[[light]]\ntype = \"point\"\nposition = [0.6, 0.8, 0]\n\
-                intensity = [3, 3, 3]\n";
+    let text = "[film]\nwidth = 1\nheight = 1\n[[camera]]\nposition = [0, 3, 0]\n\
+                target = [0, 0, 0]\nup = [0, 0, 1]\nfov_x_deg = 0.01\n\
+                [[mesh]]\nfile = \"builtin:quad\"\nscale = 2\nalbedo = [0.5, 0.5, 0.5]\n\
+                [[light]]\ntype = \"point\"\nposition = [0.6, 0.8, 0]\nintensity = [3, 3, 3]\n";
     let found = beauty(&render(text, 100, &quick()))[0][0];
     let expected = 0.5 / std::f32::consts::PI * 3.0 * 0.8;
     assert!((found / expected - 1.0).abs() < 1e-4, "{found} {expected}");

@@ -147,18 +147,20 @@ fn verbs_take_no_option_that_they_do_not_use() {
 /// from the wall is all that is chosen at random.
 #[test]
 fn the_seed_keys_what_media_see_of_surfaces() {
-    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nvalue_scale = 0.0039\n\
-                sigma_t_scale = 2\nalbedo = [0.8, 0.8, 0.8]\n";
+    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+                value_scale = 0.0039\nsigma_t_scale = 2\nalbedo = [0.8, 0.8, 0.8]\n";
     let at = |x: f32| {
         format!(
-            "{cube}unitcube_to_world = [[1, 0, 0, {x}], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]\n"
+            "{cube}unitcube_to_world = [[1, 0, 0, {x}], [0, 1, 0, -0.5], [0, 0, 1, -0.5], \
+             [0, 0, 0, 1]]\n"
         )
     };
     let text = format!(
-        "[film]\nwidth = 24\nheight = 12\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\nfov_x_deg = 50\n\
+        "[film]\nwidth = 24\nheight = 12\n[[camera]]\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+         fov_x_deg = 50\n\
          [[light]]\ntype = \"point\"\nposition = [0, 3, 4]\nintensity = [9, 9, 9]\n\
-         [[mesh]]\nfile = \"builtin:quad\"\nscale = 8\nrotate_deg = [90, 0, 0]\ntranslate = [0, 0, 6]\n\
-         albedo = [0.9, 0.2, 0.2]\n{}{}",
+         [[mesh]]\nfile = \"builtin:quad\"\nscale = 8\nrotate_deg = [90, 0, 0]\n\
+         translate = [0, 0, 6]\nalbedo = [0.9, 0.2, 0.2]\n{}{}",
         at(-1.1),
         at(0.1)
     );
@@ -188,7 +190,8 @@ fn the_seed_keys_what_media_see_of_surfaces() {
 
 #[test]
 fn volumes_that_are_alike_do_not_share_their_samples() {
-    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\nsigma_t_scale = 1\nalbedo = [0, 0, 0]\n\
+    let cube = "[[volume]]\nfile = \"smoke.raw\"\ndims = [16, 16, 16]\ndtype = \"u8\"\n\
+                sigma_t_scale = 1\nalbedo = [0, 0, 0]\n\
                 unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
     let work = Work::new(&format!("{cube}{cube}"));
     let settings = bake::Settings {

@@ -144,7 +144,8 @@ fn an_unseen_environment_is_black_behind_the_scene_and_packed_scenes_keep_it() {
     let works = [true, false].map(|visible| Work::new(&sky(visible)));
     let shade = |work: &Work, scene: &str, name: &str, more: &[&str]| {
         let words = format!(
-            "shade {scene} -t scene.lvt --camera away --quality draft --alpha --progress none -o {name}"
+            "shade {scene} -t scene.lvt --camera away --quality draft --alpha \
+             --progress none -o {name}"
         );
         let words: Vec<&str> = words.split(' ').chain(more.iter().copied()).collect();
         lvox(work, &words).done();

@@ -185,8 +185,9 @@ fn pixels_hold_the_mean_of_media_over_their_square() {
     let (_, volume) = ROOM.split_once("[[volume]]").unwrap();
     let render = |scale: usize| {
         let text = format!(
-            "[film]\nwidth = {}\nheight = {}\n[[camera]]\nname = \"front\"\nposition = [0, 1, 3.9]\ntarget = [0, 1, 0]\n\
-             fov_x_deg = 40\n[[light]]\ntype = \"directional\"\ndirection = [-1, -1, -1]\nirradiance = [2, 2, 2]\n\
+            "[film]\nwidth = {}\nheight = {}\n[[camera]]\nname = \"front\"\n\
+             position = [0, 1, 3.9]\ntarget = [0, 1, 0]\nfov_x_deg = 40\n\
+             [[light]]\ntype = \"directional\"\ndirection = [-1, -1, -1]\nirradiance = [2, 2, 2]\n\
              [[volume]]{volume}",
             40 * scale,
             30 * scale
