@@ -127,7 +127,8 @@ fn measure(name: &str, qualities: &[(&str, Quality)]) -> Result<()> {
         let shading = usage::cpu_secs() - before;
         let s = metrics::compare(&picture, &reference, exposure)?.scores;
         println!(
-            "{name:<10} {quality_name:<26} {:>9.2e} {:>14.2e} {:>8.2} {:>+8.2} {:>8.4} {shading:>11.2} {:>11.2}",
+            "{name:<10} {quality_name:<26} {:>9.2e} {:>14.2e} {:>8.2} {:>+8.2} {:>8.4} \
+             {shading:>11.2} {:>11.2}",
             s.relmse,
             s.relmse_trimmed,
             100.0 * s.pdiff,
@@ -193,7 +194,8 @@ fn peers(name: &str) -> Result<()> {
         let e = errors.map(|c| field[c].parse::<f64>().unwrap_or(f64::NAN));
         let secs: f64 = field[cpu].parse().unwrap_or(f64::NAN);
         println!(
-            "{name:<10} {label:<26} {:>9.2e} {:>14.2e} {:>8.2} {:>+8.2} {:>8.4} {secs:>11.2} {secs:>11.2}",
+            "{name:<10} {label:<26} {:>9.2e} {:>14.2e} {:>8.2} {:>+8.2} {:>8.4} \
+             {secs:>11.2} {secs:>11.2}",
             e[0], e[1], e[2], e[3], e[4]
         );
     }

@@ -211,7 +211,8 @@ fn errors_fall_at_their_rates() {
     let slopes = || studies.iter().flat_map(|s| &s.findings.slopes);
     for s in slopes() {
         eprintln!(
-            "{:12} {:16} power {:6.2}, of the coarsest two {:6.2}; relMSE {:.2e} at {} to {:.2e} at {}, least {:.2e}",
+            "{:12} {:16} power {:6.2}, of the coarsest two {:6.2}; relMSE {:.2e} at {} to {:.2e} \
+             at {}, least {:.2e}",
             s.method,
             s.setting,
             s.exponent,

@@ -118,8 +118,9 @@ fn compare(scene: &str, image: &str, max_depth: u32, spp: u32) -> Option<Agreeme
     let found = agreement(&sums, &reference, known);
     let (worst, x, y) = found.worst;
     eprintln!(
-        "{image}: {spp} spp, {secs:.1} s, {:.2} M samples/s, relMSE {:.2e} (theirs {known:.2e}), z mean {:.4} rms {:.4} \
-         worst {worst:.2} at {x} {y}, energy {:.4?} +- {:.4}, noise over the sum of both {:.4}",
+        "{image}: {spp} spp, {secs:.1} s, {:.2} M samples/s, relMSE {:.2e} (theirs {known:.2e}), \
+         z mean {:.4} rms {:.4} worst {worst:.2} at {x} {y}, energy {:.4?} +- {:.4}, \
+         noise over the sum of both {:.4}",
         sums.samples() as f64 / secs * 1e-6,
         reference::relmse(&sums),
         found.mean_z,

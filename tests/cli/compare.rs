@@ -189,8 +189,9 @@ fn the_exposure_is_noted_in_what_lvox_renders() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(
         dir.path().join("s.toml"),
-        "[film]\nwidth = 4\nheight = 3\nexposure = 0.35\n[[camera]]\nname = \"front\"\nposition = [0, 0, 3]\n\
-         target = [0, 0, 0]\n[[mesh]]\nfile = \"builtin:quad\"\nemission = [1, 1, 1]\n",
+        "[film]\nwidth = 4\nheight = 3\nexposure = 0.35\n\
+         [[camera]]\nname = \"front\"\nposition = [0, 0, 3]\ntarget = [0, 0, 0]\n\
+         [[mesh]]\nfile = \"builtin:quad\"\nemission = [1, 1, 1]\n",
     )
     .unwrap();
     let reference = ["reference", "s.toml", "--spp", "1", "-o", "r.exr"];

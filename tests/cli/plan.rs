@@ -7,10 +7,13 @@ use crate::support::program::lvox;
 fn verbs_say_what_they_would_take_and_write_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path();
-    let scene = "[[camera]]\nname = \"a\"\nposition = [0, 1, 3]\ntarget = [0, 0, 0]\n[film]\nwidth = 40\nheight = 30\n\
-                 [[mesh]]\nfile = \"builtin:cube\"\n[[light]]\ntype = \"directional\"\ndirection = [0, -1, 0]\nirradiance = [1, 1, 1]\n\
-                 [[volume]]\nfile = \"builtin:plume\"\nsigma_t_scale = 1\nalbedo = [0.5, 0.5, 0.5]\n\
-                 unitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]\n";
+    let scene = "[[camera]]\nname = \"a\"\nposition = [0, 1, 3]\ntarget = [0, 0, 0]\n\
+                 [film]\nwidth = 40\nheight = 30\n\
+                 [[mesh]]\nfile = \"builtin:cube\"\n[[light]]\ntype = \"directional\"\n\
+                 direction = [0, -1, 0]\nirradiance = [1, 1, 1]\n\
+                 [[volume]]\nfile = \"builtin:plume\"\nsigma_t_scale = 1\n\
+                 albedo = [0.5, 0.5, 0.5]\nunitcube_to_world = [[1, 0, 0, 0], [0, 1, 0, 1], \
+                 [0, 0, 1, 0], [0, 0, 0, 1]]\n";
     std::fs::write(path.join("a.toml"), scene).unwrap();
     std::fs::write(path.join("points.ply"), POINTS).unwrap();
     for made in [
@@ -110,5 +113,6 @@ fn verbs_say_what_they_would_take_and_write_nothing() {
     lvox(path, &there).refused(2, &["a.lvc"]);
 }
 
-const POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
-    property float nx\nproperty float ny\nproperty float nz\nend_header\n0 2 0 0 1 0\n";
+const POINTS: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
+    property float z\nproperty float nx\nproperty float ny\nproperty float nz\nend_header\n\
+    0 2 0 0 1 0\n";

@@ -93,7 +93,8 @@ fn a_render_without_descriptors_leaves_nothing() {
 fn threads_that_are_refused_are_one_line() {
     let bench = Bench::of(stage("merge"));
     let run = bench.run(&mut bench.shell(
-        "ulimit -v 300000; exec \"$1\" merge 0.exr 1.exr -o never.exr --progress none --threads 1024",
+        "ulimit -v 300000; exec \"$1\" merge 0.exr 1.exr -o never.exr \
+         --progress none --threads 1024",
     ));
     is_one_error(&run, &[1], &told(&run));
     assert!(told(&run).contains("1024 threads"), "{}", told(&run));

@@ -74,7 +74,8 @@ pub const STAGES: [Stage; 9] = [
         maps: &["scene.lvt"],
     },
     Stage {
-        args: "shade scene.toml -t scene.lvt --scatter scene.lvs --tile 0/2 -o OUT/0.exr --quality draft",
+        args: "shade scene.toml -t scene.lvt --scatter scene.lvs --tile 0/2 \
+               -o OUT/0.exr --quality draft",
         output: "0.exr",
         maps: &["scene.lvt", "scene.lvs"],
     },

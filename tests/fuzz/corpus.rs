@@ -5,12 +5,12 @@ use image::{DynamicImage, ImageFormat, RgbImage};
 use lvox::image::{Frame, Layer, Region, exr};
 use std::io::{Cursor, Write};
 
-pub const OBJ: &str = "mtllib a.mtl\no room\nv 0 0 0\nv 1 0 0\nv 1 1 0 .5 .5 .5\nv 0 1 0\nv 0.5 2 0\n\
-vt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\nusemtl red\nf 1/1/1 2/2/1 3/3/1\ng side\nusemtl glow\nf -4//1 -2//1 4//1\n\
-s 1\nf 1 2 3 5 4\n";
+pub const OBJ: &str = "mtllib a.mtl\no room\nv 0 0 0\nv 1 0 0\nv 1 1 0 .5 .5 .5\nv 0 1 0\n\
+v 0.5 2 0\nvt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\nusemtl red\nf 1/1/1 2/2/1 3/3/1\ng side\nusemtl glow\n\
+f -4//1 -2//1 4//1\ns 1\nf 1 2 3 5 4\n";
 
-pub const MTL: &str = "# two\nnewmtl red\nKd 0.8 0.1 0.1\nKa 0 0 0\nillum 2\nmap_Kd -s 2 2 1 -clamp on a.png\n\
-newmtl glow\nKe 4 4 3\nKd .5 .5 .5\nd 1.0\nNs 10\n";
+pub const MTL: &str = "# two\nnewmtl red\nKd 0.8 0.1 0.1\nKa 0 0 0\nillum 2\n\
+map_Kd -s 2 2 1 -clamp on a.png\nnewmtl glow\nKe 4 4 3\nKd .5 .5 .5\nd 1.0\nNs 10\n";
 
 const TRIANGLE: [[f32; 3]; 4] = [
     [0.0, 0.0, 0.0],
@@ -258,8 +258,9 @@ pub fn vol() -> Vec<Vec<u8>> {
 }
 
 pub fn nrrd() -> Vec<Vec<u8>> {
-    let header = "NRRD0004\n# by hand\ntype: float\ndimension: 3\nsizes: 4 3 2\nspace: left-posterior-superior\n\
-space directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\nkinds: domain domain domain\nendian: little\nencoding: ";
+    let header = "NRRD0004\n# by hand\ntype: float\ndimension: 3\nsizes: 4 3 2\n\
+space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\n\
+kinds: domain domain domain\nendian: little\nencoding: ";
     let values = (0..24).map(|i| i as f32 * 0.25);
     let data: Vec<u8> = values.clone().flat_map(f32::to_le_bytes).collect();
     let text: Vec<String> = values.map(|v| v.to_string()).collect();
@@ -313,8 +314,9 @@ pub fn nifti() -> Vec<Vec<u8>> {
 }
 
 pub fn metaimage() -> Vec<Vec<u8>> {
-    let header = "ObjectType = Image\nNDims = 3\nBinaryData = True\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
-Offset = 0 0 0\nElementSpacing = 1 1 2\nDimSize = 4 3 2\nElementType = MET_FLOAT\n";
+    let header = "ObjectType = Image\nNDims = 3\nBinaryData = True\n\
+TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 0 0 0\nElementSpacing = 1 1 2\nDimSize = 4 3 2\n\
+ElementType = MET_FLOAT\n";
     let data: Vec<u8> = (0..24).flat_map(|i| (i as f32).to_le_bytes()).collect();
     let mut zlib = ZlibEncoder::new(Vec::new(), Compression::default());
     zlib.write_all(&data).unwrap();

@@ -221,8 +221,8 @@ fn a_reference_without_variance_is_judged_by_and_another_of_its_name_refused() {
         let (code, stderr) = run(&format!("{line} {seed}"));
         assert_eq!(code, Some(0), "{stderr}");
     };
-    let study = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft --rounds 1 \
-                 --reference r.exr -o s";
+    let study = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft \
+                 --rounds 1 --reference r.exr -o s";
     reference(1);
     let (code, stderr) = run(study);
     assert_eq!(code, Some(0), "{stderr}");
@@ -243,8 +243,8 @@ fn run(dir: &Path, line: &str) -> (Option<i32>, String) {
     (output.status.code(), text(&output.stderr))
 }
 
-const TINY: &str = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft --rounds 1 \
-                    --progress none -o s";
+const TINY: &str = "study --demo --width 16 --base-only --spp 1,2 --surfels 500 --quality draft \
+                    --rounds 1 --progress none -o s";
 
 #[test]
 fn a_reference_of_something_else_is_refused_and_leaves_no_folder() {
@@ -275,8 +275,9 @@ fn a_reference_of_something_else_is_refused_and_leaves_no_folder() {
 #[test]
 fn a_study_grows_by_rounds_and_by_values_and_keeps_its_runs() {
     let dir = tempfile::tempdir().unwrap();
-    let tiny = "study --demo --width 16 --reference-spp 4 --quality draft --surfels 500 --block-depth 0.7 --block-voxels 8 \
-                --max-solid-angle 0.04 --progress none -o s --threads";
+    let tiny = "study --demo --width 16 --reference-spp 4 --quality draft --surfels 500 \
+                --block-depth 0.7 --block-voxels 8 --max-solid-angle 0.04 \
+                --progress none -o s --threads";
     let grown = |more: &str| {
         let (code, stderr) = run(dir.path(), &format!("{tiny} {more}"));
         assert_eq!((code, stderr.as_str()), (Some(0), ""), "{more}");
@@ -353,7 +354,8 @@ fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
     let at = |name: &str| dir.path().join(name);
     for (name, spp, seed) in [("r", 16, 1), ("r2", 16, 2), ("p4", 4, 3), ("p8", 8, 4)] {
         let line = format!(
-            "reference --demo --resolution 16x12 --max-depth 3 --progress none -o {name}.exr --spp {spp} --seed {seed}"
+            "reference --demo --resolution 16x12 --max-depth 3 --progress none -o {name}.exr \
+             --spp {spp} --seed {seed}"
         );
         let (code, stderr) = run(dir.path(), &line);
         assert_eq!(code, Some(0), "{stderr}");
@@ -364,7 +366,8 @@ fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
     )
     .unwrap();
     let study = format!("{TINY} --reference r.exr");
-    let more = "--reference-noise r2.exr --seeds 3 --peer paths=p8.exr,0.2 --peer paths=p4.exr,0.1 --peer second=r2.exr,1 --peers others.csv";
+    let more = "--reference-noise r2.exr --seeds 3 --peer paths=p8.exr,0.2 --peer paths=p4.exr,0.1 \
+                --peer second=r2.exr,1 --peers others.csv";
     let (code, stderr) = run(dir.path(), &format!("{study} {more}"));
     assert_eq!((code, stderr.as_str()), (Some(0), ""));
     let found = json(&at("s"));
@@ -467,11 +470,13 @@ fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
 #[test]
 fn a_scene_without_media_is_spared_what_only_media_need() {
     let dir = tempfile::tempdir().unwrap();
-    let scene = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [0, 1, 2]\ntarget = [0, 0, 0]\n\
-                 fov_x_deg = 60\n[[mesh]]\nfile = \"builtin:quad\"\nalbedo = [0.5, 0.5, 0.5]\n[[light]]\n\
-                 type = \"point\"\nposition = [0, 1, 0]\nintensity = [1, 1, 1]\n";
+    let scene = "[film]\nwidth = 16\nheight = 12\n[[camera]]\nposition = [0, 1, 2]\n\
+                 target = [0, 0, 0]\nfov_x_deg = 60\n[[mesh]]\nfile = \"builtin:quad\"\n\
+                 albedo = [0.5, 0.5, 0.5]\n[[light]]\ntype = \"point\"\nposition = [0, 1, 0]\n\
+                 intensity = [1, 1, 1]\n";
     fs::write(dir.path().join("scene.toml"), scene).unwrap();
-    let line = "study scene.toml --quick --width 16 --spp 1,2 --reference-spp 2 --surfels 200,400 --progress none -o s";
+    let line = "study scene.toml --quick --width 16 --spp 1,2 --reference-spp 2 --surfels 200,400 \
+                --progress none -o s";
     let (code, stderr) = run(dir.path(), line);
     assert_eq!((code, stderr.as_str()), (Some(0), ""));
     let found = json(&dir.path().join("s"));

@@ -185,7 +185,8 @@ pub fn decode(raw: &[u8], block: &Block) -> Result<Vec<Lvoxel>> {
         return Err(FormatError::invalid(
             "header of the page",
             format!(
-                "a step of at most {}, a level of at most {MAX_LEVEL}, and 0 without incident light",
+                "a step of at most {}, a level of at most {MAX_LEVEL}, \
+                 and 0 without incident light",
                 Steps::MAX_SHIFT
             ),
             format!("{shift}, {level}, {incident_exponent}"),
