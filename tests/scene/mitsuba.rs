@@ -3,16 +3,17 @@
 mod cameras;
 mod emission;
 mod files;
+mod mistakes;
 mod transforms;
 
 use crate::support::program::lvox;
 use crate::support::skip::shared;
 use crate::{Folder, acceptance};
 use glam::{Vec2, Vec3};
+use lvox::Result;
 use lvox::run::Job;
 use lvox::scene::load::{Change, Settings};
 use lvox::scene::{Lens, Light, PhaseFunction, Scene};
-use lvox::{Kind, Result};
 use std::fs;
 use std::path::Path;
 
@@ -272,157 +273,6 @@ fn what_is_left_out_is_told_with_its_line() {
             "{says}: {:?}",
             scene.warnings
         );
-    }
-}
-
-/// A row a mistake: what is in the scene, what the message and the hint say.
-#[test]
-fn mistakes_are_one_line_with_their_line() {
-    let nested = |n: usize| {
-        format!(
-            "{}{}",
-            "<shape type=\"merge\">".repeat(n),
-            "</shape>".repeat(n)
-        )
-    };
-    let deep = nested(100_000);
-    let looping = "<bsdf type=\"twosided\" id=\"a\"><ref id=\"a\"/></bsdf>\
-                   <shape type=\"cube\"><ref id=\"a\"/></shape>";
-    let group = "<shape type=\"shapegroup\" id=\"g\"><shape type=\"instance\"><ref id=\"g\"/>\
-                 </shape></shape>\
-                 <shape type=\"instance\"><ref id=\"g\"/></shape>";
-    let mut laughs = String::from("<default name=\"x0\" value=\"ha ha ha ha ha ha\"/>");
-    for i in 1..30 {
-        laughs += &format!(
-            "<default name=\"x{i}\" value=\"{}\"/>",
-            format!("$x{} ", i - 1).repeat(10)
-        );
-    }
-    for (content, says, hints) in [
-        (
-            "<shape type=\"spher\"/>",
-            "line 3: unknown shape `spher`",
-            "`sphere`",
-        ),
-        (
-            "<bsdf type=\"difuse\" id=\"a\"/><shape type=\"cube\"><ref id=\"a\"/></shape>",
-            "line 3: unknown bsdf `difuse`",
-            "`diffuse`",
-        ),
-        (
-            "<emitter type=\"pointt\"/>",
-            "line 3: unknown emitter `pointt`",
-            "`point`",
-        ),
-        (
-            "<sensor type=\"perspektive\"/>",
-            "unknown sensor `perspektive`",
-            "`perspective`",
-        ),
-        (
-            "<shpae type=\"cube\"/>",
-            "line 3: unknown element <shpae>",
-            "<shape>",
-        ),
-        (
-            "\n\n<shape type=\"cube\"><ref id=\"grean\"/></shape>\
-             <bsdf id=\"green\" type=\"diffuse\"/>",
-            "line 5: there is no element with the id `grean`",
-            "`green`",
-        ),
-        (
-            "<shape type=\"cube\"><transform name=\"to_world\"><rotatt/></transform></shape>",
-            "unknown <rotatt>",
-            "<rotate>",
-        ),
-        (
-            "<shape type=\"cube\"><transform name=\"to_world\"><scale value=\"0\"/></transform>\
-             </shape>",
-            "`to_world` flattens space",
-            "",
-        ),
-        (
-            "<shape type=\"cube\"><transform name=\"to_world\"><matrix value=\"1 2\"/></transform>\
-             </shape>",
-            "9 or 16 numbers, found 2",
-            "",
-        ),
-        (
-            "<shape type=\"sphere\"><float name=\"radius\" value=\"big\"/></shape>",
-            "`radius`: expected a number, found \"big\"",
-            "",
-        ),
-        ("<shape type=\"obj\"/>", "`filename` of obj is missing", ""),
-        (
-            "<shape type=\"obj\"><string name=\"filename\" value=\"b.obj\"/></shape>",
-            "b.obj is not there",
-            "",
-        ),
-        (
-            "<emitter type=\"point\"><rgb name=\"intensity\" value=\"1 2\"/></emitter>",
-            "expected one number or three",
-            "",
-        ),
-        (
-            "<emitter type=\"point\"><rgb name=\"intensity\" value=\"-1\"/></emitter>",
-            "expected numbers from 0",
-            "",
-        ),
-        (
-            "<shape type=\"cube\"><float name=\"a\" value=\"$b\"/></shape>",
-            "line 3: the parameter $b has no value",
-            "`set` b=VALUE",
-        ),
-        (
-            "<include filename=\"a.xml\"/>",
-            "at most 15 files",
-            "include itself",
-        ),
-        (
-            "<include filename=\"b.xml\"/>",
-            "line 3: included file ",
-            "",
-        ),
-        (
-            "<shape type=\"cube\" id=\"a\"/><shape type=\"cube\" id=\"a\"/>",
-            "another element has the id `a`",
-            "",
-        ),
-        (
-            looping,
-            "at most 16 objects in each other",
-            "refer to itself",
-        ),
-        (group, "at most 16 objects in each other", "refer to itself"),
-        (&deep, "elements in each other", ""),
-        (&laughs, "MiB of scene descriptions", ""),
-        ("<shape type=\"cube\">", "not valid XML", ""),
-        ("words", "expected elements alone, found the text words", ""),
-    ] {
-        let error = match with(content) {
-            Ok(_) => panic!("loaded: {says}"),
-            Err(error) => error,
-        };
-        assert_eq!(error.kind(), Kind::Input);
-        let told = error.to_string();
-        assert!(
-            told.contains(says) && !told.contains('\n'),
-            "{says}: {told}"
-        );
-        assert!(
-            error.hint_text().unwrap_or_default().contains(hints),
-            "{hints}: {:?}",
-            error.hint_text()
-        );
-    }
-    let entities = "<!DOCTYPE x [<!ENTITY a \"b\">]><scene version=\"3.0.0\">&a;</scene>";
-    for (scene, says) in [
-        (entities, "not valid XML"),
-        ("<shape/>", "expected <scene>"),
-        ("", "not valid XML"),
-    ] {
-        let error = load(scene).unwrap_err().to_string();
-        assert!(error.contains(says), "{error}");
     }
 }
 
