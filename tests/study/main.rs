@@ -348,18 +348,26 @@ fn a_cut_tree_is_built_again_and_force_leaves_nothing_of_before() {
     assert!(at("images/notes.txt").is_file());
 }
 
-#[test]
-fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    for (name, spp, seed) in [("r", 16, 1), ("r2", 16, 2), ("p4", 4, 3), ("p8", 8, 4)] {
+/// Images of the demo by their names, samples per pixel and seeds.
+fn images(dir: &Path, of: &[(&str, u32, u32)]) {
+    for (name, spp, seed) in of {
         let line = format!(
             "reference --demo --resolution 16x12 --max-depth 3 --progress none -o {name}.exr \
              --spp {spp} --seed {seed}"
         );
-        let (code, stderr) = run(dir.path(), &line);
+        let (code, stderr) = run(dir, &line);
         assert_eq!(code, Some(0), "{stderr}");
     }
+}
+
+#[test]
+fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    images(
+        dir.path(),
+        &[("r", 16, 1), ("r2", 16, 2), ("p4", 4, 3), ("p8", 8, 4)],
+    );
     fs::write(
         at("others.csv"),
         "name,seconds,relmse,note\n<b>,0.5,0.02,x\n<b>,2,0.005,y\n",
@@ -414,11 +422,8 @@ fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
             .ends_with("relmse_less_noise,seeds,relmse_mean,relmse_least,relmse_most")
     );
     // A second call measures no seed again, and another adds one.
-    let (code, _) = run(
-        dir.path(),
-        &format!("{study} --reference-noise 1e-3 --seeds 4"),
-    );
-    assert_eq!(code, Some(0));
+    let line = format!("{study} --reference-noise 1e-3 --seeds 4");
+    assert_eq!(run(dir.path(), &line).0, Some(0));
     let again = json(&at("s"));
     assert_eq!(again["reference"]["relmse"], 1e-3);
     assert!(again["peers"].as_array().unwrap().is_empty());
@@ -433,7 +438,14 @@ fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
                 .all(|(seed, errors)| seeds[seed] == *errors)
         );
     }
-    // What is wrong is told before the work.
+}
+
+#[test]
+fn wrong_renderers_seeds_and_noise_are_told_before_the_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    images(dir.path(), &[("r", 16, 1), ("p4", 4, 3)]);
+    let study = format!("{TINY} --reference r.exr");
     fs::write(at("bad.csv"), "name,seconds,relmse\na,0,1\n").unwrap();
     fs::write(at("a.png"), b"\x89PNG\r\n\x1a\n").unwrap();
     for (words, part) in [
@@ -465,6 +477,7 @@ fn other_renderers_seeds_and_the_noise_of_the_reference_are_in_the_report() {
         stderr.contains("small.exr: expected 16x12 pixels") && stderr.contains("found 8x6"),
         "{stderr}"
     );
+    assert!(!at("s").exists());
 }
 
 #[test]
