@@ -83,47 +83,63 @@ pub fn bytes(folder: &Path, name: &str) -> Vec<u8> {
     fs::read(folder.join(name)).unwrap()
 }
 
+const BAKE: [&str; 2] = ["--surfels", "20000"];
+const QUICK: [&str; 2] = ["--quality", "draft"];
+
+fn run(folder: &Path, args: &[&[&str]]) {
+    lvox(folder, &args.concat()).done();
+}
+
+/// All stages of a scene: cloud, tree and light `a`, and images from `a.exr` to `d.exr`.
+fn stages(folder: &Path, scene: &str) {
+    run(folder, &[&["bake", scene, "-o", "a.lvc"], &BAKE]);
+    run(folder, &[&["build", "a.lvc", "-o", "a.lvt"]]);
+    run(folder, &[&["scatter", scene, "-t", "a.lvt", "-o", "a.lvs"]]);
+    run(
+        folder,
+        &[&["shade", scene, "-t", "a.lvt", "-o", "a.exr"], &QUICK],
+    );
+    let light = ["--scatter", "a.lvs", "-o", "b.exr", "--camera", "corner"];
+    run(folder, &[&["shade", scene, "-t", "a.lvt"], &light, &QUICK]);
+    run(
+        folder,
+        &[&["reference", scene, "-o", "c.exr", "--spp", "2"]],
+    );
+    let flight = ["--camera", "flight", "--frames", "2"];
+    run(
+        folder,
+        &[
+            &["shade", scene, "-t", "a.lvt", "-o", "d.exr"],
+            &QUICK,
+            &flight,
+        ],
+    );
+}
+
 #[test]
 fn all_stages_make_the_same_of_a_packed_scene_without_its_assets() {
     let work = work();
     let here = work.0.path();
     let elsewhere = tempfile::tempdir().unwrap();
     let there = elsewhere.path();
-    let bake = ["--surfels", "20000"];
-    let quick = ["--quality", "draft"];
-    let run = |folder: &Path, args: &[&[&str]]| lvox(folder, &args.concat()).done();
     run(here, &[&["pack", "scene.toml", "-o", "scene.lvp"]]);
     fs::copy(here.join("scene.lvp"), there.join("moved.lvp")).unwrap();
-    for (folder, scene) in [(here, "scene.toml"), (there, "moved.lvp")] {
-        run(folder, &[&["bake", scene, "-o", "a.lvc"], &bake]);
-        run(folder, &[&["build", "a.lvc", "-o", "a.lvt"]]);
-        run(folder, &[&["scatter", scene, "-t", "a.lvt", "-o", "a.lvs"]]);
-        run(
-            folder,
-            &[&["shade", scene, "-t", "a.lvt", "-o", "a.exr"], &quick],
-        );
-        let light = ["--scatter", "a.lvs", "-o", "b.exr", "--camera", "corner"];
-        run(folder, &[&["shade", scene, "-t", "a.lvt"], &light, &quick]);
-        run(
-            folder,
-            &[&["reference", scene, "-o", "c.exr", "--spp", "2"]],
-        );
-        let flight = ["--camera", "flight", "--frames", "2"];
-        run(
-            folder,
-            &[
-                &["shade", scene, "-t", "a.lvt", "-o", "d.exr"],
-                &quick,
-                &flight,
-            ],
-        );
-    }
+    stages(here, "scene.toml");
+    stages(there, "moved.lvp");
     for name in [
         "a.lvc", "a.lvt", "a.lvs", "a.exr", "b.exr", "c.exr", "d.exr",
     ] {
         assert!(bytes(here, name) == bytes(there, name), "{name}");
     }
-    // Tree and light packed, too: one file goes to a third place.
+    run(there, &[&["pack", "moved.lvp", "-o", "again.lvp"]]);
+    assert!(bytes(there, "again.lvp") == bytes(here, "scene.lvp"));
+}
+
+#[test]
+fn a_scene_that_is_packed_with_tree_and_light_is_one_file_that_needs_no_other() {
+    let work = work();
+    let here = work.0.path();
+    stages(here, "scene.toml");
     let pack = [
         "pack",
         "scene.toml",
@@ -135,39 +151,38 @@ fn all_stages_make_the_same_of_a_packed_scene_without_its_assets() {
         "all.lvp",
     ];
     run(here, &[&pack]);
-    let third = tempfile::tempdir().unwrap();
-    fs::copy(here.join("all.lvp"), third.path().join("all.lvp")).unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let there = elsewhere.path();
+    fs::copy(here.join("all.lvp"), there.join("all.lvp")).unwrap();
     run(
-        third.path(),
+        there,
         &[
             &["shade", "all.lvp", "-o", "b.exr", "--camera", "corner"],
-            &quick,
+            &QUICK,
         ],
     );
-    assert!(bytes(third.path(), "b.exr") == bytes(here, "b.exr"));
-    run(third.path(), &[&["pack", "all.lvp", "-o", "again.lvp"]]);
-    assert!(bytes(third.path(), "again.lvp") == bytes(here, "all.lvp"));
-    run(there, &[&["pack", "moved.lvp", "-o", "again.lvp"]]);
-    assert!(bytes(there, "again.lvp") == bytes(here, "scene.lvp"));
+    assert!(bytes(there, "b.exr") == bytes(here, "b.exr"));
+    run(there, &[&["pack", "all.lvp", "-o", "again.lvp"]]);
+    assert!(bytes(there, "again.lvp") == bytes(here, "all.lvp"));
     // A tree that is named counts, and light of another is not mixed in.
-    run(third.path(), &[&["bake", "all.lvp", "-o", "a.lvc"], &bake]);
-    run(third.path(), &[&["build", "a.lvc", "-o", "a.lvt"]]);
+    run(there, &[&["bake", "all.lvp", "-o", "a.lvc"], &BAKE]);
+    run(there, &[&["build", "a.lvc", "-o", "a.lvt"]]);
     let named = ["shade", "all.lvp", "-t", "a.lvt", "-o", "a.exr"];
-    run(third.path(), &[&named, &quick]);
-    assert!(bytes(third.path(), "a.exr") == bytes(here, "a.exr"));
-    let whole = lvox(third.path(), &["verify", "all.lvp"]);
+    run(there, &[&named, &QUICK]);
+    assert!(bytes(there, "a.exr") == bytes(here, "a.exr"));
+    let whole = lvox(there, &["verify", "all.lvp"]);
     assert_eq!(
         (whole.code, whole.stdout.as_str()),
         (0, "all.lvp: packed undamaged\n")
     );
     // What a file is, its content says.
-    fs::copy(third.path().join("all.lvp"), third.path().join("all.bin")).unwrap();
-    let renamed = lvox(third.path(), &["verify", "all.bin"]);
+    fs::copy(there.join("all.lvp"), there.join("all.bin")).unwrap();
+    let renamed = lvox(there, &["verify", "all.bin"]);
     assert_eq!(
         (renamed.code, renamed.stdout.as_str()),
         (0, "all.bin: packed undamaged\n")
     );
-    let told = lvox(third.path(), &["inspect", "all.lvp"]).stdout;
+    let told = lvox(there, &["inspect", "all.lvp"]).stdout;
     for part in [
         "packed scene",
         "\"room\"",

@@ -2,6 +2,7 @@
 
 use crate::messages::lvox;
 use crate::support::parts::{Parts, repair};
+use crate::support::program::Run;
 use crate::support::trees;
 use crate::{ROOM, Work, beauty, layer, relative_rms, with_threads};
 use lvox::formats::{BlockKind, Overwrite, Scatter};
@@ -171,53 +172,63 @@ fn more_rays_than_a_frame_would_take_leave_less_noise() {
     assert!(taken < 0.7 * own, "{taken} {own}");
 }
 
-// Long because it is a list: one mistake after another.
-#[test]
-fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
+/// The room with a tree and the light that its smoke scatters: [`OWN`].
+fn lit_room() -> Work {
     let work = Work::new(ROOM);
-    let scene = work.scene();
-    work.bake(&scene, 2000);
-    trees::baked(&scene, &trees::of_surfels(1000), work.0.path(), "other");
-    let scatter = |args: &[&str]| {
-        let base = [
-            "scatter",
-            "scene.toml",
-            "--progress",
-            "none",
-            "--volume-samples",
-            "2",
-        ];
-        lvox(&work, &[&base[..], args].concat())
-    };
-    scatter(&["-t", "scene.lvt", "-o", "a.lvs"]).done();
-    let made = fs::read(work.path("a.lvs")).unwrap();
-    scatter(&["-t", "scene.lvt", "-o", "a.lvs"]).refused(2, &["a.lvs", "--force"]);
-    scatter(&["-t", "scene.lvt", "-o", "scene.lvt", "--force"]).refused(2, &["scene.lvt"]);
-    scatter(&["-t", "scene.lvt", "-o", "b.lvs", "--shadow-rays", "0"])
-        .refused(2, &["--shadow-rays"]);
+    work.bake(&work.scene(), 2000);
+    scattering(&work, &["-t", "scene.lvt", "-o", "a.lvs"]).done();
+    work
+}
 
-    let shade = |scene: &str, args: &[&str]| {
-        let base = [
-            "shade",
-            scene,
-            "-o",
-            "x.exr",
-            "--progress",
-            "none",
-            "--samples",
-            "4",
-        ];
-        lvox(&work, &[&base[..], args].concat())
+const OWN: [&str; 4] = ["-t", "scene.lvt", "--scatter", "a.lvs"];
+
+fn scattering(work: &Work, args: &[&str]) -> Run {
+    let base = ["scatter", "scene.toml", "--progress", "none"];
+    let few = ["--volume-samples", "2"];
+    lvox(work, &[&base[..], &few, args].concat())
+}
+
+fn shaded(work: &Work, scene: &str, args: &[&str]) -> Run {
+    let base = ["shade", scene, "-o", "x.exr", "--progress", "none"];
+    lvox(work, &[&base[..], &["--samples", "4"], args].concat())
+}
+
+#[test]
+fn what_cannot_be_scattered_is_refused_and_files_stay_as_they_were() {
+    let work = lit_room();
+    let made = fs::read(work.path("a.lvs")).unwrap();
+    let refused = |args: &[&str], says: &[&str]| {
+        scattering(&work, &[&["-t", "scene.lvt", "-o"], args].concat()).refused(2, says);
     };
-    let own = ["-t", "scene.lvt", "--scatter", "a.lvs"];
-    shade("scene.toml", &own).done();
-    let with = |args: &[&'static str]| shade("scene.toml", &[&own[..], args].concat());
+    refused(&["a.lvs"], &["a.lvs", "--force"]);
+    refused(&["scene.lvt", "--force"], &["scene.lvt"]);
+    refused(&["b.lvs", "--shadow-rays", "0"], &["--shadow-rays"]);
+    let cut = ROOM.find("[[volume]]").unwrap();
+    fs::write(work.path("clear.toml"), &ROOM[..cut]).unwrap();
+    let clear = ["scatter", "clear.toml", "-t", "scene.lvt", "-o", "c.lvs"];
+    lvox(&work, &[&clear[..], &["--progress", "none"]].concat()).refused(2, &["no volumes"]);
+    assert_eq!(fs::read(work.path("a.lvs")).unwrap(), made);
+    assert!(!work.path("b.lvs").exists() && !work.path("c.lvs").exists());
+}
+
+#[test]
+fn light_of_other_trees_and_for_other_settings_is_refused() {
+    let work = lit_room();
+    trees::baked(
+        &work.scene(),
+        &trees::of_surfels(1000),
+        work.0.path(),
+        "other",
+    );
+    let made = fs::read(work.path("a.lvs")).unwrap();
+    shaded(&work, "scene.toml", &OWN).done();
+    let with = |args: &[&str]| shaded(&work, "scene.toml", &[&OWN[..], args].concat());
     with(&["--method", "traditional"]).refused(2, &["--method", "--scatter"]);
     with(&["--max-dist", "3"]).refused(2, &["--max-dist", "--scatter"]);
     let other = ["-t", "other.lvt", "--scatter", "a.lvs"];
-    shade("scene.toml", &other).refused(2, &["a.lvs", "tree", "lvox scatter"]);
+    shaded(&work, "scene.toml", &other).refused(2, &["a.lvs", "tree", "lvox scatter"]);
     let wrong = ["-t", "scene.lvt", "--scatter", "scene.lvt"];
-    shade("scene.toml", &wrong).refused(
+    shaded(&work, "scene.toml", &wrong).refused(
         2,
         &[
             "file of scattered light (.lvs)",
@@ -225,13 +236,19 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
             "lvox scatter",
         ],
     );
+    assert_eq!(fs::read(work.path("a.lvs")).unwrap(), made);
+}
 
+#[test]
+fn light_that_is_out_of_date_is_told_and_of_other_volumes_refused() {
+    let work = lit_room();
+    let made = fs::read(work.path("a.lvs")).unwrap();
     let changed = |from: &str, to: &str| {
         assert!(ROOM.contains(from));
         fs::write(work.path("changed.toml"), ROOM.replace(from, to)).unwrap();
     };
     changed("emission = [10, 9, 7]", "emission = [1, 9, 7]");
-    let told = shade("changed.toml", &own);
+    let told = shaded(&work, "changed.toml", &OWN);
     told.done();
     for file in ["scene.lvt", "a.lvs"] {
         let warning = format!("{file}: baked from a scene of other lights");
@@ -246,30 +263,27 @@ fn what_does_not_go_together_is_refused_and_what_is_out_of_date_is_told() {
         "--progress",
         "none",
     ];
-    lvox(&work, &[&pack[..], &own].concat()).done();
-    let told = shade("all.lvp", &[]).stderr;
+    lvox(&work, &[&pack[..], &OWN].concat()).done();
+    let told = shaded(&work, "all.lvp", &[]).stderr;
     assert_eq!(told.matches("all.lvp: baked from").count(), 1, "{told}");
     // What is added far away moves the frame of the scene, and no volume.
     let far = "[[mesh]]\nfile = \"builtin:cube\"\ntranslate = [1000, 5, 0]\n[[volume]]";
     changed("[[volume]]", far);
-    let told = shade("changed.toml", &own);
+    let told = shaded(&work, "changed.toml", &OWN);
     told.done();
     assert!(told.stderr.contains("other surfaces"), "{}", told.stderr);
     changed("0.9, -0.2]", "0.9, -0.1]");
-    shade("changed.toml", &own).refused(2, &["\"smoke\"", "lvox scatter"]);
-    let cut = ROOM.find("[[volume]]").unwrap();
-    fs::write(work.path("clear.toml"), &ROOM[..cut]).unwrap();
-    let clear = ["scatter", "clear.toml", "-t", "scene.lvt", "-o", "c.lvs"];
-    lvox(&work, &[&clear[..], &["--progress", "none"]].concat()).refused(2, &["no volumes"]);
+    shaded(&work, "changed.toml", &OWN).refused(2, &["\"smoke\"", "lvox scatter"]);
     assert_eq!(fs::read(work.path("a.lvs")).unwrap(), made);
-    assert!(!work.path("b.lvs").exists() && !work.path("c.lvs").exists());
+}
 
-    // Damage is found before it is light.
-    let mut damaged = made;
+#[test]
+fn damage_is_found_before_it_is_light() {
+    let work = lit_room();
+    let mut damaged = fs::read(work.path("a.lvs")).unwrap();
     damaged[200] ^= 1;
     fs::write(work.path("a.lvs"), &damaged).unwrap();
-    fs::remove_file(work.path("x.exr")).unwrap();
-    shade("scene.toml", &own).refused(2, &["a.lvs", "checksum"]);
+    shaded(&work, "scene.toml", &OWN).refused(2, &["a.lvs", "checksum"]);
     assert!(!work.path("x.exr").exists());
     lvox(&work, &["verify", "a.lvs", "--progress", "none"]).refused(2, &["a.lvs", "checksum"]);
 }
