@@ -14,7 +14,7 @@ use crate::inscatter::{self, InScatter, MediaCounts, MediaLights};
 use crate::light::{Lights, SceneMedia, SoftShadowMedia, Vacuum};
 use crate::math::{Environment, Rgb};
 use crate::run::Job;
-use crate::scene::Scene;
+use crate::scene::{Scene, Volume};
 use crate::trace::Tracer;
 use crate::tree::{OpenTree, SurfelStore};
 use crate::view::{self, View, VisibleMedia};
@@ -125,7 +125,6 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
             scene,
             tree,
             settings,
-            regions,
             job,
             ..
         } = request;
@@ -182,34 +181,54 @@ impl<W: FrameWork> TreeTask for FrameTask<'_, W> {
                 MediaCounts::default(),
             )
         } else {
-            let (media, incident) = inscatter::known_incident(&media, volumes, gathers.max_dist);
-            let gatherer = Gatherer {
-                pages,
-                media,
-                settings: inscatter::gather_settings(gathers, settings.volume_samples),
-            };
-            let light = MediaLights {
-                lights: &lights,
-                gatherer: (settings.method == Method::Extended).then_some(&gatherer),
-                scattered: tree.scatter.as_ref(),
-                incident,
-            };
-            let visible = VisibleMedia::ThroughRegions(regions);
-            let in_scatter = InScatter::new(&view, visible, &light, job)?;
-            let before_emission: &dyn March<M::Share> = &in_scatter;
-            let emissive = EmissiveMedia(before_emission);
-            let media: &dyn March<M::Share> = match scene.emissive.is_empty() {
-                true => before_emission,
-                false => &emissive,
-            };
-            let on_surfaces = lights.with_media_before_suns(in_scatter.before_suns());
-            let done = work.run(&shader, &ScatteringMedia(media), &on_surfaces)?;
-            in_scatter.check()?;
-            (done, in_scatter.counts())
+            behind_media(work, &shader, &lights, volumes, &with_settings(gathers))?
         };
         let patches = patches.map(|p| p.stats()).unwrap_or_default();
         Ok((done, FrameCounts { patches, media }))
     }
+}
+
+/// Does a work with a frame amid media that scatter or shine, given the gathers on surfaces.
+fn behind_media<W: FrameWork, M: Medium>(
+    work: &W,
+    frame: &FrameShader,
+    lights: &Lights<SceneMedia<M::Share>>,
+    volumes: &[Volume],
+    gatherer: &Gatherer<M>,
+) -> Result<(W::Output, MediaCounts)> {
+    let &Request {
+        scene,
+        tree,
+        settings,
+        regions,
+        job,
+        ..
+    } = frame.request;
+    let gathers = gatherer.settings;
+    let (media, incident) = inscatter::known_incident(&gatherer.media, volumes, gathers.max_dist);
+    let gatherer = Gatherer {
+        media,
+        settings: inscatter::gather_settings(gathers, settings.volume_samples),
+        ..*gatherer
+    };
+    let light = MediaLights {
+        lights,
+        gatherer: (settings.method == Method::Extended).then_some(&gatherer),
+        scattered: tree.scatter.as_ref(),
+        incident,
+    };
+    let visible = VisibleMedia::ThroughRegions(regions);
+    let in_scatter = InScatter::new(&frame.view, visible, &light, job)?;
+    let before_emission: &dyn March<M::Share> = &in_scatter;
+    let emissive = EmissiveMedia(before_emission);
+    let media: &dyn March<M::Share> = match scene.emissive.is_empty() {
+        true => before_emission,
+        false => &emissive,
+    };
+    let on_surfaces = lights.with_media_before_suns(in_scatter.before_suns());
+    let done = work.run(frame, &ScatteringMedia(media), &on_surfaces)?;
+    in_scatter.check()?;
+    Ok((done, in_scatter.counts()))
 }
 
 /// What settings ask of the rays of gathers, in a scene without an environment.
