@@ -208,7 +208,7 @@ fn nothing_is_left_behind_and_nothing_overwritten() {
 }
 
 #[test]
-fn values_that_no_reader_accepts_are_refused() {
+fn surfels_that_no_reader_accepts_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let style = Style::default();
     let good = surfels(&mut Random(3), 1, style)[0];
@@ -262,12 +262,14 @@ fn values_that_no_reader_accepts_are_refused() {
             "{error}"
         );
     }
-    let mut writer = CloudWriter::create(
-        &dir.path().join("a.lvc"),
-        cloud_meta(style),
-        Overwrite::Refuse,
-    )
-    .unwrap();
+}
+
+#[test]
+fn lvoxels_that_no_reader_accepts_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let style = Style::default();
+    let path = dir.path().join("a.lvc");
+    let mut writer = CloudWriter::create(&path, cloud_meta(style), Overwrite::Refuse).unwrap();
     let voxel = lvoxels(&mut Random(1), 1, style)[0];
     for bad in [
         Lvoxel { volume: 2, ..voxel },

@@ -1,24 +1,34 @@
 //! Packed scenes whose rows, levels, descriptions and parts would lead a reader astray.
 
+mod descriptions;
+
 use super::*;
+
+fn float(v: f32) -> [u8; 4] {
+    v.to_le_bytes()
+}
+
+fn whole(v: u32) -> [u8; 4] {
+    v.to_le_bytes()
+}
+
+/// A packed scene with another value in a column, refused with these words.
+#[track_caller]
+fn row_refused(column: PackedColumn, at: usize, value: [u8; 4], says: &str) {
+    let file = small_packed();
+    let opened = Packed::open(&file[..]).unwrap();
+    let mut columns = opened.columns().iter();
+    let (_, blocks) = columns.find(|(c, _)| c.column == column).unwrap();
+    let block = blocks.start;
+    let bytes = changed(&file, |parts| {
+        parts.blocks[block].data[0].1[at..at + 4].copy_from_slice(&value)
+    });
+    refused(&bytes, read_packed, says);
+}
 
 /// Each row of a packed scene that would lead a reader astray is refused.
 #[test]
 fn rows_of_packed_scenes_are_checked() {
-    let file = small_packed();
-    let opened = Packed::open(&file[..]).unwrap();
-    let changed_row = |column: PackedColumn, at: usize, value: [u8; 4]| {
-        let mut columns = opened.columns().iter();
-        let (_, blocks) = columns.find(|(c, _)| c.column == column).unwrap();
-        let block = blocks.start;
-        changed(&file, |parts| {
-            parts.blocks[block].data[0].1[at..at + 4].copy_from_slice(&value)
-        })
-    };
-    let float = |v: f32| v.to_le_bytes();
-    let whole = |v: u32| v.to_le_bytes();
-    let leaf = |first: u32, count: u32| whole(1 << 31 | (count - 1) << 27 | first);
-    let (of_second, children) = (224, 192);
     for (column, at, value, says) in [
         (
             PackedColumn::Positions,
@@ -56,50 +66,6 @@ fn rows_of_packed_scenes_are_checked() {
             float(1.5),
             "row 10 of the code values",
         ),
-        // A box that is none, and one of a child that is not there.
-        (
-            PackedColumn::Nodes,
-            0,
-            float(f32::NAN),
-            "row 0 of the nodes",
-        ),
-        (PackedColumn::Nodes, 0, float(2.0), "row 0 of the nodes"),
-        (PackedColumn::Nodes, 8, float(0.0), "row 0 of the nodes"),
-        // Children: none with a box, nodes at or before their parent, beyond the end, leaves
-        // beyond the blocks.
-        (
-            PackedColumn::Nodes,
-            children,
-            whole(0),
-            "row 0 of the nodes",
-        ),
-        (
-            PackedColumn::Nodes,
-            of_second + children,
-            whole(1),
-            "row 1 of the nodes",
-        ),
-        (
-            PackedColumn::Nodes,
-            children,
-            whole(2),
-            "row 0 of the nodes",
-        ),
-        (
-            PackedColumn::Nodes,
-            children,
-            leaf(2, 1),
-            "row 0 of the nodes",
-        ),
-        (
-            PackedColumn::Nodes,
-            children,
-            leaf(1, 2),
-            "row 0 of the nodes",
-        ),
-        // A node of two parents, and one of none.
-        (PackedColumn::Nodes, children, whole(1), "one parent"),
-        (PackedColumn::Nodes, children + 4, leaf(1, 1), "one parent"),
         (PackedColumn::Blocks, 144, whole(2), "row 0 of the blocks"),
         (
             PackedColumn::Blocks,
@@ -109,8 +75,36 @@ fn rows_of_packed_scenes_are_checked() {
         ),
         (PackedColumn::Blocks, 4, float(1.0), "row 0 of the blocks"),
     ] {
-        refused(&changed_row(column, at, value), read_packed, says);
+        row_refused(column, at, value, says);
     }
+}
+
+#[test]
+fn nodes_of_packed_scenes_are_checked() {
+    let leaf = |first: u32, count: u32| whole(1 << 31 | (count - 1) << 27 | first);
+    let (of_second, children) = (224, 192);
+    for (at, value, says) in [
+        // A box that is none, and one of a child that is not there.
+        (0, float(f32::NAN), "row 0 of the nodes"),
+        (0, float(2.0), "row 0 of the nodes"),
+        (8, float(0.0), "row 0 of the nodes"),
+        // Children: none with a box, nodes at or before their parent, beyond the end, leaves
+        // beyond the blocks.
+        (children, whole(0), "row 0 of the nodes"),
+        (of_second + children, whole(1), "row 1 of the nodes"),
+        (children, whole(2), "row 0 of the nodes"),
+        (children, leaf(2, 1), "row 0 of the nodes"),
+        (children, leaf(1, 2), "row 0 of the nodes"),
+        // A node of two parents, and one of none.
+        (children, whole(1), "one parent"),
+        (children + 4, leaf(1, 1), "one parent"),
+    ] {
+        row_refused(PackedColumn::Nodes, at, value, says);
+    }
+}
+
+#[test]
+fn vertex_blocks_of_packed_scenes_are_checked() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("b.lvp");
     let mut meta = packed_meta();
@@ -321,176 +315,6 @@ fn levels_of_packed_volumes_are_checked() {
     assert!(opened.level(0, 2).is_err() && opened.level(1, 0).is_err());
     let level = opened.level(0, 0).unwrap();
     assert!(opened.media_page(&level, 1, |_, _| ()).is_err());
-}
-
-#[test]
-fn descriptions_of_packed_scenes_are_checked() {
-    type Change = fn(&mut PackedMeta);
-    fn masks(meta: &mut PackedMeta) -> &mut Vec<PackedMask> {
-        &mut meta.parts.masks.insert(packed_masks()).masks
-    }
-    fn emission(meta: &mut PackedMeta, textures: &[[u32; 2]]) {
-        let of = textures.iter();
-        let of = of.map(|&[material, texture]| PackedEmissionTexture { material, texture });
-        meta.parts.emission_textures = of.collect();
-    }
-    fn lens(meta: &mut PackedMeta) -> &mut PackedLens {
-        meta.parts.lenses = packed_lenses();
-        &mut meta.parts.lenses[0]
-    }
-    fn colors(meta: &mut PackedMeta, of: &[(u32, [f32; 3])]) {
-        let of = of.iter().copied();
-        let of = of.map(|(volume, color)| ExtinctionColor { volume, color });
-        meta.parts.extinction_colors = of.collect();
-    }
-    fn albedos<'a>(meta: &'a mut PackedMeta, of: &[u32]) -> &'a mut [PackedVolume] {
-        let mut channel = meta.volumes[0].clone();
-        channel.levels.truncate(1);
-        meta.volumes.extend(vec![channel; 3]);
-        meta.parts.albedo_grids = of.to_vec();
-        &mut meta.volumes[1..]
-    }
-    const RED: [f32; 3] = [1.0, 0.5, 0.25];
-    fn instances(meta: &mut PackedMeta) -> &mut PackedInstances {
-        meta.parts.instances.insert(packed_instances())
-    }
-    let changes: [(Change, &str); 55] = [
-        (|m| instances(m).count = 0, "prototypes whose triangles"),
-        (|m| instances(m).prototypes.clear(), "prototypes whose"),
-        (
-            |m| instances(m).prototypes[0].first_triangle = 3,
-            "prototypes whose triangles",
-        ),
-        (
-            |m| instances(m).prototypes[1].first_vertex = 0,
-            "prototypes whose triangles",
-        ),
-        (
-            |m| {
-                let hierarchy = &mut instances(m).prototypes[1].hierarchy;
-                hierarchy.as_mut().unwrap().scale = 0.3;
-            },
-            "hierarchy",
-        ),
-        (|m| m.film.width = 0, "film"),
-        (|m| m.film.exposure = f32::NAN, "film"),
-        (|m| m.cameras.clear(), "cameras"),
-        (|m| m.cameras[0].fov_x_rad = 4.0, "camera"),
-        (|m| m.cameras[0].scene_from_camera[1] = [0.0; 3], "camera"),
-        (
-            |m| {
-                m.lights[1] = PackedLight::Environment {
-                    radiance: [-1.0; 3],
-                }
-            },
-            "light 1",
-        ),
-        (|m| m.environment.as_mut().unwrap().width = 5, "environment"),
-        (
-            |m| m.environment.as_mut().unwrap().scale[1] = -1.0,
-            "environment",
-        ),
-        (
-            |m| m.environment.as_mut().unwrap().rotation_rad = f32::NAN,
-            "environment",
-        ),
-        (
-            |m| m.environment.as_mut().unwrap().holes[0].0 = 8,
-            "environment",
-        ),
-        (|m| m.materials[0].texture = Some(1), "a texture below 1"),
-        (|m| m.materials[1].albedo[2] = 1.5, "albedo"),
-        (|m| m.images[0].bits = 12, "image 0"),
-        (|m| m.textures[0].image = 1, "texture 0"),
-        (|m| m.textures[0].width = 4, "texture 0"),
-        (|m| m.volumes[0].dims[1] = 0, "voxels"),
-        (
-            |m| m.volumes[0].phase.as_mut().unwrap().g[1] = 1.0,
-            "mean cosines from -0.99",
-        ),
-        (
-            |m| m.volumes[0].phase.as_mut().unwrap().mix = f32::NAN,
-            "a weight from 0 to 1",
-        ),
-        (|m| m.volumes[0].levels[0] = 7, "at most 6 bricks"),
-        (|m| m.volumes[0].levels.clear(), "levels"),
-        (|m| m.volumes[0].levels = vec![1; 7], "single voxel"),
-        (|m| m.volumes[0].scene_from_index[0] = [0.0; 3], "inverted"),
-        (|m| m.mesh.triangles = 1 << 28, "mesh"),
-        (|m| m.materials.clear(), "mesh"),
-        (|m| m.areas.clear(), "areas"),
-        (|m| m.areas[0] = f64::NAN, "areas"),
-        (|m| m.hierarchy.as_mut().unwrap().scale = 0.3, "hierarchy"),
-        (|m| m.hierarchy.as_mut().unwrap().blocks = 3, "hierarchy"),
-        (|m| (m.tree_bytes, m.light_bytes) = (0, 1), "a tree with it"),
-        (|m| masks(m).clear(), "some of 2 materials"),
-        (|m| masks(m)[0].material = 2, "some of 2 materials"),
-        (|m| masks(m)[0].cutoff = Some(1.5), "numbers from 0 to 1"),
-        (|m| masks(m)[0].texture = Some(1), "a texture below 1"),
-        (|m| emission(m, &[[2, 0]]), "textures of emission"),
-        (|m| emission(m, &[[1, 1]]), "and textures below 1"),
-        (|m| emission(m, &[[1, 0], [0, 0]]), "2 materials, in order"),
-        (|m| lens(m).camera = 9, "lenses"),
-        (|m| lens(m).lens = Some([-1.0, 2.0]), "lengths from 1e-15"),
-        (|m| lens(m).keys.push(None), "each of its keys"),
-        (|m| lens(m).shutter = Some([0.5, 0.5]), "before it closes"),
-        (
-            |m| {
-                lens(m);
-                m.parts.lenses = [packed_lenses(), packed_lenses()].concat();
-            },
-            "cameras in order",
-        ),
-        (|m| colors(m, &[(1, RED)]), "some of 1 media"),
-        (|m| colors(m, &[(0, RED), (0, RED)]), "in order"),
-        (|m| colors(m, &[(0, [1.0; 3])]), "that are not grey"),
-        (|m| colors(m, &[(0, [0.5; 3])]), "the largest 1"),
-        (
-            |m| colors(m, &[(0, [1.0, f32::NAN, 1.0])]),
-            "extinction colour",
-        ),
-        (|m| colors(m, &[(0, [1.0, 2.0, -1.0])]), "from 0 to 1"),
-        (|m| m.parts.albedo_grids = vec![0], "albedo grids"),
-        (|m| albedos(m, &[0])[0].dims[0] = 8, "as many voxels"),
-        (
-            |m| {
-                albedos(m, &[1]);
-            },
-            "three volumes of one level",
-        ),
-    ];
-    let dir = tempfile::tempdir().unwrap();
-    for (change, says) in changes {
-        let mut meta = packed_meta();
-        change(&mut meta);
-        let writer = PackedWriter::create(&dir.path().join("a"), meta, Overwrite::Refuse);
-        let error = writer.err().unwrap();
-        assert!(error.to_string().contains(says), "{says}: {error}");
-    }
-    // Bits of materials that no one knows yet; bits that are known.
-    let file = small_packed();
-    let material = find(&Parts::of(&file).meta, &[0, 0, 128, 63, 0, 0, 64, 64]) + 8;
-    for (bits, is_right) in [
-        (0, true),
-        (1, true),
-        (2, true),
-        (3, true),
-        (4, false),
-        (255, false),
-    ] {
-        let bytes = changed(&file, |parts| parts.meta[material] = bits);
-        match is_right {
-            true => read_packed(&bytes).unwrap(),
-            false => refused(&bytes, read_packed, "bits that are unknown"),
-        }
-    }
-    // What the metadata says of columns is what there is of them.
-    let file = small_packed();
-    let texels = find(&Parts::of(&file).meta, &[6, 0, 0, 0, 0, 0, 0, 0, 1, 8]);
-    let bytes = changed(&file, |parts| parts.meta[texels + 8] = 3);
-    refused(&bytes, read_packed, "columns in the summary");
-    let bytes = changed(&file, |parts| parts.blocks.swap(1, 2));
-    refused(&bytes, read_packed, "block");
 }
 
 /// What is behind the description: masks, and what a reader does not know.
