@@ -211,22 +211,7 @@ impl PackedMeta {
             0,
         )?;
         self.cameras.iter().try_for_each(PackedCamera::validate)?;
-        for (i, light) in self.lights.iter().enumerate() {
-            light.validate(&|| format!("light {i}"))?;
-        }
-        let emissive: Vec<u32> = (self.lights.iter())
-            .filter_map(PackedLight::volume)
-            .collect();
-        let first = (self.media().len() + self.albedos().len()) as u32;
-        check(
-            emissive
-                .iter()
-                .copied()
-                .eq(first..self.volumes.len() as u32),
-            &|| "volumes that light comes from".into(),
-            "the last ones, in order",
-            &emissive,
-        )?;
+        self.check_lights()?;
         if let Some(environment) = &self.environment {
             environment.validate()?;
         }
@@ -275,6 +260,25 @@ impl PackedMeta {
             &|| "scattered light".into(),
             "a tree with it",
             "none",
+        )
+    }
+
+    fn check_lights(&self) -> Result<()> {
+        for (i, light) in self.lights.iter().enumerate() {
+            light.validate(&|| format!("light {i}"))?;
+        }
+        let emissive: Vec<u32> = (self.lights.iter())
+            .filter_map(PackedLight::volume)
+            .collect();
+        let first = (self.media().len() + self.albedos().len()) as u32;
+        check(
+            emissive
+                .iter()
+                .copied()
+                .eq(first..self.volumes.len() as u32),
+            &|| "volumes that light comes from".into(),
+            "the last ones, in order",
+            &emissive,
         )
     }
 
