@@ -217,17 +217,7 @@ pub fn run_before(
         && let Some(found) = Sums::read(&kept, &sums)?
     {
         sums = found;
-        let (least, most) = sums.counts();
-        job.progress
-            .say(&format!("going on from {least} samples per pixel"));
-        if let Some(spp) = settings.spp.filter(|&spp| spp < most) {
-            job.progress.warn(&format!(
-                "{} keeps {most} samples per pixel, more than `spp` {spp}, and the image has them \
-                 all; `overwrite` begins anew",
-                kept.display()
-            ));
-        }
-        warn_of_not_finite(&sums, job);
+        tell_of_kept(&sums, settings, &kept, job);
     }
     job.heed_warnings()?;
     // Before every pixel has a sample there is no image, and what is kept of earlier runs is worth
@@ -285,6 +275,21 @@ pub fn run_before(
             }
         }
     })
+}
+
+/// Says what a run that goes on begins with.
+fn tell_of_kept(sums: &Sums, settings: &Settings, kept: &Path, job: &Job) {
+    let (least, most) = sums.counts();
+    job.progress
+        .say(&format!("going on from {least} samples per pixel"));
+    if let Some(spp) = settings.spp.filter(|&spp| spp < most) {
+        job.progress.warn(&format!(
+            "{} keeps {most} samples per pixel, more than `spp` {spp}, and the image has them \
+             all; `overwrite` begins anew",
+            kept.display()
+        ));
+    }
+    warn_of_not_finite(sums, job);
 }
 
 /// The image of sums.
