@@ -138,19 +138,7 @@ pub fn volumes<'a>(
     };
     let mut volumes = Vec::new();
     for whole in &fields {
-        let (field, world_from_grid) = match &crop {
-            None => (whole.clone(), placement(table, whole)?),
-            Some((item, min, max)) => {
-                let field = whole.cropped(*min, *max);
-                let field =
-                    field.ok_or_else(|| item.error("no centre of a voxel is in the box"))?;
-                let moved = DVec3::from(std::array::from_fn(|a| {
-                    (field.start[a] - whole.start[a]) as f64
-                }));
-                let world_from_grid = placement(table, whole)? * DAffine3::from_translation(moved);
-                (field, world_from_grid)
-            }
-        };
+        let (field, world_from_grid) = cropped(table, whole, crop.as_ref())?;
         for (scale, albedo) in looks.of(&field, &world_from_grid) {
             let sigma_t = field.grid(&scale, &path, files);
             let sigma_t = sigma_t.map_err(|e| e.at(path.display()))?;
@@ -304,6 +292,18 @@ pub fn curve(item: &Item<'_>) -> Result<Vec<[f64; 2]>> {
 
 /// The key, and the least and the greatest corner of the box.
 type Crop<'a> = (Item<'a>, [f64; 3], [f64; 3]);
+
+/// What is left of a field, and its placement.
+fn cropped(table: &Table, whole: &Field, crop: Option<&Crop>) -> Result<(Field, DAffine3)> {
+    let Some((item, min, max)) = crop else {
+        return Ok((whole.clone(), placement(table, whole)?));
+    };
+    let field = whole.cropped(*min, *max);
+    let field = field.ok_or_else(|| item.error("no centre of a voxel is in the box"))?;
+    let moved = std::array::from_fn(|a| (field.start[a] - whole.start[a]) as f64);
+    let moved = DAffine3::from_translation(DVec3::from_array(moved));
+    Ok((field, placement(table, whole)? * moved))
+}
 
 /// A box of which each end is a share of the file's box along its own axes.
 fn crop<'a>(table: &Table<'a>) -> Result<Option<Crop<'a>>> {
