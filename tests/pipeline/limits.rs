@@ -222,7 +222,7 @@ impl Group {
         let folder = command.get_current_dir().unwrap();
         inside
             .current_dir(folder)
-            .args(["-c", "echo $$ >\"$0\" && exec \"$@\""]);
+            .args(["-c", "echo $$ >\"$0\"; exec \"$@\""]);
         inside.arg(self.0.join("cgroup.procs"));
         inside.arg(command.get_program()).args(command.get_args());
         inside
