@@ -10,8 +10,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The share of a memory limit that large lists have in memory together.
 const SHARE: u64 = 4;
-/// Bytes of a list that is in memory whatever others are: too few to matter.
-const SMALL: u64 = 1 << 20;
 
 /// Large lists: in memory, and within a limit no more than a quarter of it; those beyond lie in
 /// temporary files, of which the system keeps in memory what it can. Clones share the quarter.
@@ -50,6 +48,9 @@ impl Drop for Granted {
 }
 
 impl Lists {
+    /// Bytes of a list below which it is in memory whatever the limit: too few for a file.
+    pub const SMALL: u64 = 1 << 16;
+
     /// Those of a job.
     #[must_use]
     pub fn of(job: &Job) -> Self {
@@ -76,11 +77,13 @@ impl Lists {
     pub fn zeros<T: Pod>(&self, what: &str, count: usize) -> Result<List<T>> {
         let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
         let granted = match &self.0 {
-            Some(limited) if bytes >= SMALL => match limited.grant(bytes) {
-                Some(granted) => Some(granted),
-                None => return self.in_file(what, limited, bytes, count),
+            None => None,
+            Some(limited) => match limited.grant(bytes) {
+                None if bytes >= Self::SMALL => {
+                    return self.in_file(what, limited, bytes, count);
+                }
+                granted => granted,
             },
-            _ => None,
         };
         memory::check(what, bytes)?;
         // Asked for first, as there is no fallible way to get zeros that are not written.

@@ -345,10 +345,16 @@ impl Scene {
     /// What a stage holds that has loaded the scene, whose grids and light in them take so many
     /// bytes.
     pub(crate) fn budget(&self, media_bytes: u64, job: &Job) -> Budget {
+        let grids = self.volumes.iter().map(|v| &v.sigma_t);
+        let grids = grids.chain(self.emissive.iter().map(|e| &e.values.sigma_t));
+        let albedos = self.volumes.iter().filter_map(|v| v.albedo_grid.as_ref());
+        let grids = grids.chain(albedos.flat_map(AlbedoGrid::channels));
+        let tables = grids.map(VolumeGrid::bytes_in_memory).sum::<usize>();
         let mapped = self.as_packed().map_or(0, |packed| packed.mapped_bytes());
         Budget::default()
             .with("the program and its threads", job.process_bytes)
             .with("the scene", self.bytes_beside_grids())
+            .with("tables of media", tables as u64)
             .with_lists(
                 "media and their light",
                 media_bytes,

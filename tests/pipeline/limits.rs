@@ -75,8 +75,10 @@ fn a_cache_of_a_twentieth_of_the_tree_decodes_each_page_few_times() {
     );
 }
 
-/// Fog of one layer of voxels under a sky: most rays along it pass beside it.
-const FLAT: &str = r#"
+/// A scene under a sky, seen at an angle of so many degrees, with more in it.
+fn under_a_sky(fov_deg: u32, more: &str) -> String {
+    format!(
+        r#"
 [film]
 width = 64
 height = 48
@@ -84,21 +86,32 @@ height = 48
 [[camera]]
 position = [0, 1, 3]
 target = [0, 0, 0]
-fov_x_deg = 50
+fov_x_deg = {fov_deg}
 
 [[light]]
 type = "environment"
 radiance = [1, 1, 1]
+{more}"#
+    )
+}
 
+/// Fog of so many voxels in a box of such edges around a place.
+fn fog(file: &str, dims: [usize; 3], edges: [f32; 3], [x, y, z]: [f32; 3]) -> String {
+    let [a, b, c] = edges;
+    let [x, y, z] = [x - 0.5 * a, y - 0.5 * b, z - 0.5 * c];
+    format!(
+        r#"
 [[volume]]
-file = "flat.raw"
-dims = [256, 1, 256]
+file = "{file}"
+dims = {dims:?}
 dtype = "u8"
 value_scale = 0.004
-sigma_t_scale = 5
+sigma_t_scale = 2
 albedo = 0.9
-unitcube_to_world = [[8, 0, 0, -4], [0, 0.03, 0, 0], [0, 0, 8, -4], [0, 0, 0, 1]]
-"#;
+unitcube_to_world = [[{a}, 0, 0, {x}], [0, {b}, 0, {y}], [0, 0, {c}, {z}], [0, 0, 0, 1]]
+"#
+    )
+}
 
 /// What a run had in memory, from its report: anonymous bytes, and all.
 fn peak(report: &Path) -> [u64; 2] {
@@ -116,7 +129,9 @@ fn what_is_done_within_a_limit_is_within_it() {
     let work = Work::new(ROOM);
     let path = tree_of_small_pages(&work, 1_000_000);
     fs::rename(path, work.path("scene.lvt")).unwrap();
-    fs::write(work.path("flat.toml"), FLAT).unwrap();
+    // One layer of voxels: most rays along it pass beside it.
+    let flat = fog("flat.raw", [256, 1, 256], [8.0, 0.03, 8.0], [0.0; 3]);
+    fs::write(work.path("flat.toml"), under_a_sky(50, &flat)).unwrap();
     let fog: Vec<u8> = (0..256 * 256_u32).map(|i| (i % 251) as u8).collect();
     fs::write(work.path("flat.raw"), fog).unwrap();
     let run = |line: &str, limit: Option<u64>| {
@@ -165,36 +180,6 @@ fn what_is_done_within_a_limit_is_within_it() {
         assert!(done > 0, "{line}");
     }
 }
-
-/// Fog of many voxels, none of them empty.
-const VAST: &str = r#"
-[film]
-width = 64
-height = 48
-
-[[camera]]
-position = [0, 1, 3]
-target = [0, 0, 0]
-fov_x_deg = 5
-
-[[light]]
-type = "directional"
-direction = [0.2, -1, 0.1]
-irradiance = [3, 3, 3]
-
-[[light]]
-type = "environment"
-radiance = [1, 1, 1]
-
-[[volume]]
-file = "vast.raw"
-dims = [240, 240, 240]
-dtype = "u8"
-value_scale = 0.004
-sigma_t_scale = 2
-albedo = 0.9
-unitcube_to_world = [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, 1, -0.5], [0, 0, 0, 1]]
-"#;
 
 /// A control group of this limit and a tenth, where the machine lets us make one.
 #[cfg(target_os = "linux")]
@@ -271,7 +256,10 @@ fn is_within(work: &Work, line: &str, output: &str, limit: u64) {
 #[cfg(target_os = "linux")]
 #[test]
 fn voxels_beyond_a_limit_are_in_files() {
-    let work = Work::new(VAST);
+    let sun = "[[light]]\ntype = \"directional\"\ndirection = [0.2, -1, 0.1]\n\
+               irradiance = [3, 3, 3]\n";
+    let vast = fog("vast.raw", [240; 3], [1.0; 3], [0.0; 3]);
+    let work = Work::new(&under_a_sky(5, &format!("{sun}{vast}")));
     let voxel = |i: u32| (i.wrapping_mul(2_654_435_761) >> 25) as u8 + 1;
     let voxels: Vec<u8> = (0..240 * 240 * 240).map(voxel).collect();
     fs::write(work.path("vast.raw"), voxels).unwrap();
@@ -290,6 +278,17 @@ fn voxels_beyond_a_limit_are_in_files() {
         80 << 20,
     );
     assert_eq!(files(), before + 3);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn many_small_volumes_are_within_a_limit() {
+    let place = |i: usize| [(i % 20) as f32 - 10.0, 0.0, (i / 20) as f32 - 5.0];
+    let all = (0..200).map(|i| fog("small.raw", [40; 3], [0.9; 3], place(i)));
+    let work = Work::new(&under_a_sky(50, &all.collect::<String>()));
+    let voxels: Vec<u8> = (0..40 * 40 * 40_u32).map(|i| (i % 250) as u8 + 1).collect();
+    fs::write(work.path("small.raw"), voxels).unwrap();
+    is_within(&work, "bake scene.toml", "scene.lvc", 96 << 20);
 }
 
 #[cfg(target_os = "linux")]

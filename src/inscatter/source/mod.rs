@@ -13,22 +13,23 @@ mod bends;
 mod every_vertex;
 mod front;
 mod lattices;
+mod memo;
 mod segment;
 
 pub use every_vertex::VolumeLight;
 pub use lattices::MediaLights;
+pub use memo::RayMemo;
 
 use super::bricks::brick_around;
 use super::counts::{self, Counters, MediaCounts};
 use super::dense;
-use super::direct::{DIRECT_LEVELS, LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
+use super::direct::{LightVectors, NEAR_LEVELS, Spread, Vertex, has_edge};
 use super::far_field::AskedPoint;
 use super::gatherer::GatherInMedia;
-use super::lvoxel_light::LvoxelMemo;
 use super::scattered::ScatteredLight;
 use super::seen_channels::SeenChannels;
-use super::sweep::{SWEPT_LEVELS, Sweep};
-use super::vertices::{CellCache, are_alike, blend, extremes, inside};
+use super::sweep::Sweep;
+use super::vertices::{are_alike, blend, extremes, inside};
 use crate::Result;
 use crate::gather::SampleRange;
 use crate::light::{Lights, MediaBeforeSuns, MediumLight, SceneMedia, ShadowRays, SunDepths};
@@ -38,7 +39,6 @@ use crate::run::Job;
 use crate::run::walked::note_asked;
 use crate::scene::Volume;
 use crate::view::{View, VisibleMedia};
-use front::SeenFront;
 use glam::Vec3;
 use lattices::VolumeLattices;
 use segment::RaySegment;
@@ -565,31 +565,6 @@ impl<'a, G: GatherInMedia> InScatter<'a, G> {
     fn seed_of(&self, point: Vec3) -> u64 {
         let [x, y, z] = point.to_array().map(|c| u64::from(c.to_bits()));
         sampling::hash(&[self.view.seed, x, y, z])
-    }
-}
-
-/// What one ray found at vertices last, by lattice.
-#[derive(Debug, Default)]
-pub struct RayMemo {
-    /// By volume.
-    direct: [CellCache<usize, LightVectors>; DIRECT_LEVELS],
-    /// By volume, and whether they are swept.
-    indirect: [CellCache<(usize, bool), f32x4>; SWEPT_LEVELS],
-    /// By volume and level.
-    fronts: CellCache<(usize, usize), SeenFront>,
-    /// Of the only volume that has such light.
-    lvoxels: LvoxelMemo,
-    /// Scene units between the vertices that light was between last, direct and indirect; 0 where
-    /// it was not between any.
-    between: [f32; 2],
-}
-
-impl RayMemo {
-    /// Scene units of a ray over which light is as good as that in their middle: what vertices are
-    /// apart.
-    pub(super) fn evenly_lit(&self) -> f32 {
-        let [direct, indirect] = self.between;
-        direct.min(indirect)
     }
 }
 

@@ -248,6 +248,21 @@ impl VolumeGrid {
         }
     }
 
+    /// Bytes of it that are in memory whatever a limit says, of which none is read: its tables, and
+    /// samples that are few.
+    #[must_use]
+    pub fn bytes_in_memory(&self) -> usize {
+        let Known { dims, bricks, .. } = self.0.known;
+        let tables = brick_dims(dims).iter().product::<usize>() + bricks;
+        let samples = bricks * BRICK_SAMPLES * size_of::<f32>();
+        let few = if (samples as u64) < Lists::SMALL {
+            samples
+        } else {
+            0
+        };
+        tables * size_of::<u32>() + few
+    }
+
     /// Bytes of memory that a coarser level takes, nearly, of a grid in a file that has it; none is
     /// read.
     #[must_use]
